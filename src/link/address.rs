@@ -65,8 +65,8 @@ pub(super) async fn open_stream(address: LinkAddress, parity: Parity) -> Result<
 /// Folder where udev lists serial ports by persistent names, which do not depend on the port number.
 pub const SERIAL_PORTS_BY_ID_DIR: &str = "/dev/serial/by-id";
 
-/// Path of the port in `directory` whose name is `id`, or of the only port whose name contains `id`. It leads to
-/// the same device after the port number has changed.
+/// Path of the port in `directory` whose name is `id`, or of the only port whose name contains `id`. The path leads
+/// to the same device even after the port number has changed.
 ///
 /// # Errors
 /// No name matches, or more than one name matches.
@@ -130,7 +130,7 @@ fn map_tcp_error(address: String, source: io::Error) -> LinkError {
 pub struct Pty {
     pub device: SerialStream,
     pub path: String,
-    /// Held open, so that the device outlives its clients as a real device does; `None` if another owner holds it.
+    /// Client side, held open so that the device outlives its clients, as a real device does; `None`: a task holds it.
     pub client_side: Option<SerialStream>,
 }
 

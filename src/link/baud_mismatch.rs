@@ -21,7 +21,7 @@ pub fn decode_at_baud(bytes: &[u8], sender_baud: u32, receiver_baud: u32) -> Vec
     if sender_baud == receiver_baud || sender_baud == 0 || receiver_baud == 0 {
         return bytes.to_vec();
     }
-    // Time unit: half a bit of either side is an integer.
+    // The unit of time is chosen such that half a bit of either side is an integer.
     let (bit, half) = (2 * u64::from(receiver_baud), u64::from(sender_baud));
     let level_at = |time: u64| is_line_high(bytes, time / bit);
     let end = BITS_PER_CHARACTER * bytes.len() as u64;
@@ -70,7 +70,7 @@ pub fn create_pty_at_baud(baud: u32) -> Result<Pty, LinkError> {
     Ok(Pty { device: inner.device, path: outer.path, client_side: None })
 }
 
-/// Forwards bytes until the device or the pty is closed. `client` gives the baud rate that is set.
+/// Forwards bytes until the device or the pty is closed. `client` is read only for the client's present baud rate.
 async fn forward_bytes(
     mut outer: SerialStream,
     client: SerialStream,

@@ -45,10 +45,10 @@ pub(super) struct SharedStream {
     request_turn: Arc<Mutex<RequestTurn>>,
 }
 
-/// Lock held from a request to its reply: the handles of one stream send one request at a time.
+/// State behind the lock that a handle holds from its request to the reply: one request at a time on a stream.
 #[derive(Default)]
 pub struct RequestTurn {
-    /// Whether a reply that is late may still arrive.
+    /// Whether the late reply to an earlier request may still arrive.
     pub is_late_reply_pending: bool,
 }
 
@@ -113,7 +113,7 @@ impl ByteStreamHandle {
     pub async fn discard_received(&mut self) -> Result<(), LinkError> {
         let (notify, drained) = oneshot::channel();
         if self.stream.drain_requests.send(notify).is_ok() {
-            // If the owner ends meanwhile, the check below detects it.
+            // If the owning task ends meanwhile, `is_closed` below detects the loss.
             let _ = drained.await;
         }
         // The reason for the loss is the last entry of the queue: read it before the queue is dropped.
@@ -132,7 +132,7 @@ impl ByteStreamHandle {
     /// # Errors
     /// The link is lost.
     pub async fn recv_deadline(&mut self, deadline: Instant) -> Result<Option<StreamRead>, LinkError> {
-        // The dropped future waits on a channel, not on the device.
+        // Dropping this future at the deadline loses no data: it waits on a channel, not on the device.
         match timeout_at(deadline, self.incoming.recv()).await {
             Err(_) => Ok(None),
             Ok(Ok(Ok((at, bytes)))) => Ok(Some(StreamRead::Bytes(at, bytes))),
@@ -155,7 +155,7 @@ struct ReadSink(broadcast::Sender<ReadResult>);
 
 impl ByteSink for ReadSink {
     fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
-        // No receiver is left: `wait_for_no_readers` reports it.
+        // A send error means that no receiver is left, which `wait_for_no_readers` detects.
         let _ = self.0.send(Ok((Instant::now(), bytes.into())));
         Ok(())
     }

@@ -10,10 +10,10 @@
 //! Each line holds: seconds since the start, the number of the link, a mark, the content. `=` opens the link (again
 //! after a loss): its protocol (`lines`, `modbus-rtu`, `modbus-tcp`, `files`, `samples`) and its name. `>` marks
 //! sent bytes, `<` received bytes, with `\n`, `\r`, `\t`, `\\`, `\'`, `\"` and `\xNN` for bytes that are not
-//! printable. For shared files, the content is the name of a file and, after a line feed, its text; a name alone is
-//! a missing file. A read is recorded only if the text has changed. For a sensor, the content is the requests and
-//! the samples that it returned, whatever its protocol: frames and bytes sent without a request belong to no
-//! command, so a replay could not return them. Lines that begin with `#` are comments.
+//! printable. For shared files, the content is the name of a file and, after a line feed, its text; a name alone
+//! means that the file is missing. A read is recorded only if the text has changed. For a sensor, the content is the
+//! requests and the returned samples, not the bytes on the wire: frames and bytes that a sensor sends without a
+//! request belong to no command, so a replay could not match them. Lines that begin with `#` are comments.
 
 use std::fmt;
 use std::fs::File;
@@ -37,7 +37,7 @@ pub(super) enum LinkProtocol {
     Lines,
     Modbus(Framing),
     SharedFiles,
-    /// Requests to the driver of a sensor and its samples, as text lines; not the bytes on the wire.
+    /// Requests to the driver of a sensor, and the returned samples, as text lines; not the bytes on the wire.
     SensorSamples,
 }
 
@@ -82,7 +82,7 @@ impl CaptureWriter {
     pub fn create(path: &Path) -> io::Result<Self> {
         let mut file = File::create_new(path)?;
         if let Err(error) = writeln!(file, "{CAPTURE_HEADER}") {
-            // An empty file would block the next attempt.
+            // An empty file would make the next attempt fail: `create_new` refuses an existing file.
             let _ = std::fs::remove_file(path);
             return Err(error);
         }
@@ -90,7 +90,7 @@ impl CaptureWriter {
         Ok(Self { start_time: Instant::now(), output: out })
     }
 
-    /// Whether all lines are in the file. A run continues after a write error.
+    /// Writes the file to the disk, and checks that all lines were written. A write error does not stop the run.
     ///
     /// # Errors
     /// The first write error.

@@ -79,7 +79,7 @@ impl LinkError {
             LinkError::PermissionDenied { .. } => "add this user to the device's group (often dialout)".to_owned(),
             Self::OpenFailed { .. } => "check the address in the machine file".to_owned(),
             Self::NoUniquePort { .. } => "plug the device in and switch it on; set serial_id to a name from `ls \
-                 /dev/serial/by-id`, or to a part of one name that is unique"
+                 /dev/serial/by-id`, or to a part that only one of the names contains"
                 .to_owned(),
             Self::Lost { .. } => {
                 "the state of the machine is unknown: check the machine, then restore the link (restart a \

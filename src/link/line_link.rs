@@ -1,4 +1,4 @@
-//! Link with lines in and bytes out; urgent bytes overtake all queued bytes.
+//! Link that receives lines and sends bytes; urgent bytes overtake all queued bytes.
 
 use std::future::Future;
 use std::io;
@@ -13,7 +13,7 @@ use super::boxed_stream::BoxedStream;
 use super::line_assembler::{LineAssembler, LineEvent};
 use super::stream_owner::{ByteSink, OwnerChannels, UrgentMessage, start_stream_owner_thread};
 
-/// Maximum number of lines in the queue to the receiver of the lines. A peer that sends more is the wrong device.
+/// Maximum number of received lines that wait to be read. A device that exceeds it is the wrong device.
 const MAX_QUEUED_LINES: usize = 4096;
 
 /// Handle of a link: receives lines, sends bytes.
@@ -49,7 +49,7 @@ impl LineLink {
     pub fn from_stream(name: impl Into<String>, stream: impl AsyncRead + AsyncWrite + Send + 'static) -> Self {
         let (link, channels) = Self::create_channels(name.into());
         let stream: BoxedStream = Box::pin(stream);
-        // Without a thread, the receiving ends are dropped, and the link is lost from the start.
+        // If the thread cannot be started, the receiving ends are dropped, and the link is lost from the start.
         drop(start_stream_owner_thread(&link.name, channels, async { Ok(stream) }));
         link
     }
@@ -95,8 +95,8 @@ impl LineLink {
         self.event_or_loss(received)
     }
 
-    /// Next line that has already arrived, without waiting; `None` if there is none. (A deadline of now is rounded
-    /// up to the timer's next millisecond.)
+    /// Next line that has already arrived, without waiting; `None` if there is none. (`recv_deadline` with a deadline
+    /// of now would wait up to 1 ms, the resolution of the timer.)
     pub fn try_recv(&mut self) -> Result<Option<LineEvent>, LinkError> {
         match self.incoming.try_recv() {
             Err(TryRecvError::Empty) => Ok(None),
@@ -116,7 +116,7 @@ impl LineLink {
 
     /// Next line, or `None` after `deadline` without a line.
     pub async fn recv_deadline(&mut self, deadline: Instant) -> Result<Option<LineEvent>, LinkError> {
-        // The dropped future waits on a channel, not on the device.
+        // Dropping this future at the deadline loses no line: it waits on a channel, not on the device.
         timeout_at(deadline, self.recv()).await.ok().transpose()
     }
 

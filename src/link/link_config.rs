@@ -15,7 +15,7 @@ const DEFAULT_LINK_TIMEOUT_S: f64 = 0.5;
 /// Converts the key `timeout_s` of a link.
 ///
 /// # Errors
-/// A time out of range; as a message.
+/// A message, if the time is out of range.
 pub fn parse_timeout_s(timeout_s: Option<f64>) -> Result<Duration, String> {
     let seconds = timeout_s.unwrap_or(DEFAULT_LINK_TIMEOUT_S);
     let in_range = (0.01..=30.0).contains(&seconds);
@@ -46,7 +46,7 @@ impl TryFrom<String> for HostPort {
         let port = split.and_then(|(host, port)| Some((host, port.parse().ok()?)));
         match port {
             Some((host, port)) if port > 0 => Ok(Self { host: host.to_owned(), port }),
-            _ => Err(format!("is `{text}`; write `host:port`, e.g. `127.0.0.1:5007`")),
+            _ => Err(format!("`{text}` is not a host and a port; write `host:port`, e.g. `127.0.0.1:5007`")),
         }
     }
 }
@@ -121,7 +121,7 @@ impl LinkConfig {
     /// Builds the settings from the keys of a table; a serial port without `baud` gets `default_baud`.
     ///
     /// # Errors
-    /// None or several of the three addresses, or a baud rate together with `tcp`; as a message.
+    /// A message, if none or several of the three addresses are given, or a baud rate together with `tcp`.
     pub fn from_keys(keys: LinkKeys, default_baud: u32) -> Result<Self, String> {
         let LinkKeys { serial, serial_id, tcp, baud } = keys;
         let rate = baud.unwrap_or(default_baud);
@@ -138,7 +138,7 @@ impl LinkConfig {
         }
     }
 
-    /// Present address of the link.
+    /// Current address of the link: a serial port by name is resolved to its path.
     ///
     /// # Errors
     /// No port, or more than one port, matches the name.

@@ -1,17 +1,17 @@
-//! Capture of a sensor: its driver records the requests to it and its replies as lines of text.
+//! Capture of a sensor: the driver records each request that it receives, and its replies, as lines of text.
 
 use super::LinkError;
 use super::capture::LinkProtocol;
 use super::link_mode::{LinkBackend, LinkMode};
 
-/// Recorder of one sensor, or the replay that answers in its place.
+/// Recorder of one sensor, or the replay of a capture instead of the sensor.
 pub struct SensorRequestCapture {
     name: String,
     backend: LinkBackend,
 }
 
 impl SensorRequestCapture {
-    /// The requests of the sensor are neither recorded nor replayed.
+    /// Neither records nor replays the requests of the sensor.
     pub fn disabled() -> Self {
         Self { name: String::new(), backend: LinkBackend::Direct }
     }

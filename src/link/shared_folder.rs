@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 use super::capture::LinkProtocol;
 use super::link_mode::{LinkBackend, LinkMode};
 
-/// Folder that both sides can access.
+/// Folder of text files that the device and the daemon can access.
 pub struct SharedFolder {
     path: PathBuf,
     backend: LinkBackend,

@@ -22,7 +22,7 @@ use super::link_mode::LinkMode;
 /// Maximum time for the last writes after the handle is dropped.
 const FINAL_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Maximum number of reads that empty the kernel's buffer.
+/// Maximum number of reads for one drain of the kernel's buffer.
 const MAX_DRAIN_READS: usize = 64;
 /// Number of polls without data that are repeated before the kernel's buffer counts as empty.
 const MAX_EMPTY_POLL_RETRIES: usize = 2;
@@ -31,7 +31,7 @@ const MAX_EMPTY_POLL_RETRIES: usize = 2;
 pub(super) trait ByteSink: Send + 'static {
     /// Takes bytes that have just arrived. An error ends the link.
     fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()>;
-    /// Ends when no receiver is left.
+    /// Waits until no receiver is left.
     fn wait_for_no_readers(&self) -> impl Future<Output = ()> + Send;
     /// Reports the reason for the lost link, as the last message.
     fn report_loss(self, why: String) -> impl Future<Output = ()> + Send;
@@ -150,7 +150,7 @@ impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
                     Some(bytes) => self.write_queue.push_back(QueuedWrite { bytes, written_byte_count: 0, is_urgent: false }),
                     None => return Ok(()),
                 },
-                // If the peer has stopped reading, the queue never becomes empty.
+                // If the peer has stopped reading, the write queue never becomes empty, and `outgoing` is not polled.
                 () = self.channels.sink.wait_for_no_readers() => return Ok(()),
                 Some(notify) = self.channels.drain_requests.recv() => {
                     self.drain_arrived_bytes(&mut buffer).await?;
@@ -171,8 +171,8 @@ impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
         self.channels.sink.accept_bytes(buffer.get(..count).unwrap_or_default())
     }
 
-    /// Reads all bytes in the kernel's buffer. Of a device that never pauses, it reads at most what fits into that
-    /// buffer.
+    /// Reads all bytes in the kernel's buffer, but at most `MAX_DRAIN_READS` times, because a device may send without
+    /// pauses.
     async fn drain_arrived_bytes(&mut self, buffer: &mut [u8]) -> io::Result<()> {
         let mut empty_poll_count = 0;
         for _ in 0..MAX_DRAIN_READS {

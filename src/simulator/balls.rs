@@ -41,7 +41,7 @@ impl TrueBalls {
     pub fn new(stated: &artefact::Balls, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         let balls = stated.balls.iter().enumerate();
         let mut balls: Vec<TrueBall> = balls.map(|(i, ball)| TrueBall::new(i, ball, truth)).collect();
-        // A NaN is refused too: no `>` is true for it.
+        // This also rejects NaN, because every comparison with NaN is false.
         if balls.is_empty() || !balls.iter().all(TrueBall::is_valid) {
             return Err(SimulatedWorldError::InvalidBalls);
         }
@@ -53,8 +53,8 @@ impl TrueBalls {
         Ok(Self { balls })
     }
 
-    /// Surface nearest to `point` at the time `t_s`. Point and result: table frame. Inside several bodies, the deepest one
-    /// counts.
+    /// Surface nearest to `point` at the time `t_s`. Point and result: table frame. If `point` is inside several
+    /// bodies: the surface of the one that it is deepest in.
     pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> NearestSurface {
         let far = NearestSurface::no_surface_within(f64::INFINITY);
         let relative_point = |ball: &TrueBall| point - ball.displacement_at(t_s);
@@ -112,7 +112,7 @@ impl TrueBall {
         (point - self.centre).norm() - self.radius - max_form_deviation(&self.form_matrix)
     }
 
-    /// The nearer to `point` (table frame) of `best` and the surface of this ball with its stem.
+    /// Returns `best` or the surface of this ball with its stem, whichever is nearer to `point` (table frame).
     fn nearer_surface(&self, point: Vector3<f64>, best: NearestSurface) -> NearestSurface {
         let from_centre = point - self.centre;
         if from_centre.norm() - self.enclosing_radius >= best.signed_distance {
@@ -123,9 +123,9 @@ impl TrueBall {
         self.stem.map_or(best, |stem| best.or_nearer(stem.nearest(from_centre)))
     }
 
-    /// Surface of the ball nearest to a point, given relative to the ball's centre. Foot of the perpendicular:
-    /// `from_centre` = r(u)·u + distance·normal(u). On a round ball its direction u is that of the point; for an oval
-    /// of micrometres, each iteration leaves a thousandth of the error.
+    /// Surface of the ball nearest to a point, given relative to the ball's centre. Solves `from_centre` = r(u)·u +
+    /// distance·normal(u) for the direction u of the perpendicular's foot. On a round ball, u is the direction of the
+    /// point; for an oval of micrometres, each iteration reduces the error to about a thousandth.
     fn nearest_ball_surface(&self, from_centre: Vector3<f64>) -> NearestSurface {
         let mut direction = unit_vector(from_centre).unwrap_or(Vector3::z());
         let mut nearest =
@@ -161,7 +161,7 @@ const MAX_PERPENDICULAR_ITERATIONS: usize = 30;
 const PERPENDICULAR_FOOT_CONVERGENCE_RAD2: f64 = 1e-28;
 
 impl BallStem {
-    /// Distance of its farthest point from the ball's centre.
+    /// Distance of the stem's farthest point from the ball's centre.
     fn farthest_point_distance(&self) -> f64 {
         self.length_mm.hypot(self.radius_mm)
     }

@@ -18,13 +18,13 @@ pub enum SensorOutput {
     Distance(f64),
     /// No light came back: there is no surface, or it is too steep.
     NoEcho,
-    /// A distance outside of its range, mm.
+    /// Distance outside of the sensor's measuring range, mm.
     OutOfRange(f64),
     /// Too much light.
     TooMuchLight,
 }
 
-/// A sensor as it is truly mounted in the spindle, at S = 0, in the directions of the machine frame.
+/// A sensor with its true position, direction and errors, in the frame of its mount (spindle at S = 0, table, bed).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Beam {
     zero_point_mm: Vector3<f64>,
@@ -47,7 +47,7 @@ impl Beam {
         let zero = Vector3::from(nominal.zero_mm);
         let [least, greatest] = nominal.range_mm;
         let span = greatest - least;
-        // `>` is false for NaN as well.
+        // The conditions below also reject NaN, because every comparison with NaN is false.
         let Some(direction) = unit_vector(Vector3::from(nominal.direction)) else {
             return invalid("direction");
         };
@@ -106,7 +106,7 @@ impl Beam {
         if self.truth.spot_mm == 0.0 {
             return Some(middle);
         }
-        // The mean over a disc of radius a is, up to third order, that of four points a/√2 away.
+        // The mean over a disc of radius a equals, up to third order, the mean of four points at a/√2 from the centre.
         let aside = self.truth.spot_mm / 8.0_f64.sqrt();
         let mut sum = 0.0;
         for across in self.transverse_directions {
@@ -147,7 +147,7 @@ fn with_drawn_incidence(truth: SensorTruth, nominal: &Sensor, seed: u64, number:
     SensorTruth { incidence_um: draw(0), lean_um: [draw(1), draw(2)], ..truth }
 }
 
-/// Unit vectors across `direction`, near the two axes that are not nearest to it.
+/// Unit vectors perpendicular to `direction`: projections of the two coordinate axes that are least parallel to it.
 fn transverse_directions(direction: Vector3<f64>) -> [Vector3<f64>; 2] {
     let size = direction.abs();
     let [first, second] = if size.z >= size.x && size.z >= size.y {

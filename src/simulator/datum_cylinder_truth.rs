@@ -10,7 +10,7 @@ use super::true_round_part::FormHarmonic;
 pub struct DatumCylinderTruth {
     /// Standard deviation of the form of each cross section and of the face, drawn from the seed: harmonics 2 to 20.
     pub form_um: f64,
-    /// Stated form of single cross sections, in addition to the drawn form and to the `form` of all.
+    /// Stated form of single cross sections, in addition to the drawn form and to `form` in `[simulated]`.
     pub section_form: Vec<SectionFormHarmonic>,
     /// Height of the face over the angle about the axis.
     pub face_form: Vec<FormHarmonic>,
@@ -46,7 +46,7 @@ pub struct IndexingStageTruth {
     pub faults: Vec<MountingAngleFault>,
 }
 
-/// Angle error of one mounting. `mounting` counts from 1, without the first mounting.
+/// Angle error of one mounting. `mounting` is 1 for the second mounting of the cylinder, which is the first remounting.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MountingAngleFault {

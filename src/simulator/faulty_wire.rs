@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep};
 
 use estimation::random::seeded_stream;
 
-/// A fault begins at a byte before this one; in a line that is too short, at the line's end.
+/// Exclusive upper limit of the byte index at which a fault begins; in a shorter line it begins at the line's end.
 const FAULT_BYTE_INDEX_END: u64 = 40;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -111,7 +111,7 @@ impl FaultyWire {
         let (device_reader, device_writer) = tokio::io::split(device);
         let to_device = WireHalf::new(self.schedule(WireDirection::ToDevice), on_fault);
         let from_device = WireHalf::new(self.schedule(WireDirection::FromDevice), on_fault);
-        // The end of one direction ends the other: nothing reads what it would still transmit.
+        // When one direction ends, the other one ends too: no peer would read its output.
         tokio::select! {
             result = to_device.forward(driver_reader, device_writer) => result,
             result = from_device.forward(device_reader, driver_writer) => result,

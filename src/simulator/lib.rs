@@ -109,7 +109,7 @@ pub struct SimulatedWorld {
     commanded_position: Position,
     lost_motion: LostMotion,
     true_wiring: TrueWiring,
-    /// Scatter of the current touch (of the last one between touches), mm.
+    /// Scatter of the current touch, mm; between two touches, that of the last touch.
     current_touch_scatter_mm: f64,
     /// Whether a person deflects the stylus by hand.
     is_stylus_deflected: bool,
@@ -206,7 +206,7 @@ impl SimulatedWorld {
         self.true_wiring.true_position(self.lost_motion.position_after_move_to(&self.commanded_position))
     }
 
-    /// Removes the probe from the spindle, or puts it back. Without it there is no contact and no damage.
+    /// Removes the probe from the spindle, or puts it back. Without a probe there is no contact and no damage.
     pub fn set_probe_removed(&mut self, is_removed: bool) {
         self.is_probe_removed = is_removed;
     }
@@ -241,9 +241,9 @@ impl SimulatedWorld {
         self.latch_delay = latch;
     }
 
-    /// Moves until the probe triggers and the contact is latched, then brakes. `line_number` is the N word:
-    /// together with the number of probing moves under this word it keys the scatter, so that the order of the
-    /// touches does not matter. With the probe closed at the start, contact is reported there.
+    /// Moves until the probe triggers and the contact is latched, then brakes. `line_number` is the N word. The scatter
+    /// is drawn for the N word and the number of earlier probing moves with this N word, so that the order of the
+    /// touches does not matter. If the probe is closed at the start, contact is reported there.
     pub fn probe(&mut self, to: &Position, feed_mm_min: f64, line_number: u32) -> ProbeResult {
         let occurrence = self.probe_counts_by_line.entry(line_number).or_default();
         let key = [u64::from(line_number), u64::from(*occurrence)];
@@ -294,14 +294,14 @@ impl SimulatedWorld {
         ProbeResult { contact: Some(contact), has_crashed, duration_s }
     }
 
-    /// Whether the probe closes during the move; a move that starts in contact must lose it first.
+    /// Whether the probe closes during the move; if the move starts in contact, the probe must open first.
     fn probe_closes_on_path(&self, path: &MovePath) -> bool {
         let margin = |fraction| self.trigger_distance_on_path(path, fraction);
         let max_slope_mm = path.max_ball_travel_mm();
         let open = if margin(0.0) > 0.0 {
             Some(0.0)
         } else {
-            // Slightly beyond the opening, where the input is safely open.
+            // Slightly beyond the point at which the probe opens, so that the input is safely open.
             first_zero_crossing_fraction(|fraction| -margin(fraction), max_slope_mm, 0.0)
                 .map(|fraction| (fraction + SEARCH_STEP_FLOOR_MM / max_slope_mm).min(1.0))
         };

@@ -27,7 +27,7 @@ struct RandomFunction {
 impl RandomFunction {
     const WAVE_COUNT: usize = 64;
     /// Maximum number of knots on either side of zero: more than a metre at the shortest correlation length,
-    /// whatever the axis limits. Beyond it the sum of cosines is evaluated.
+    /// whatever the axis limits. Beyond the last knot, the sum of cosines is evaluated.
     const MAX_KNOTS_PER_SIDE: f64 = 20_000.0;
 
     fn draw(seed: u64, key: &[u64], sigma: f64, correlation_length: f64) -> Self {

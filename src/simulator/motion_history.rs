@@ -29,8 +29,8 @@ impl MotionHistory {
         self.moves.push_back(RecordedMove { start_s, path: path.clone(), fraction_at_rest: end_fraction });
     }
 
-    /// The path that was last begun before `t_s`, and the path fraction at `t_s`; before the first move, its start.
-    /// `None`: no move is recorded.
+    /// Path of the last move that began before `t_s`, and the path fraction at `t_s`. Before the first move: the start
+    /// of its path. `None`: no move is recorded.
     pub fn path_and_fraction_at(&self, t_s: f64) -> Option<(&MovePath, f64)> {
         let last_begun = self.moves.iter().rev().find(|recorded| recorded.start_s <= t_s);
         let RecordedMove { start_s, path, fraction_at_rest: end_fraction } = last_begun.or(self.moves.front())?;

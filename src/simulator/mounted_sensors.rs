@@ -6,7 +6,7 @@ use super::sensor_truth::SensorTruth;
 use super::{SimulatedWorld, SimulatedWorldError};
 use machine::record::sensor::{Sensor, SensorMount};
 
-/// One sensor, and the number of samples it has taken.
+/// One sensor, its sample clock, and the index of its next sample for the random draws.
 #[derive(Debug, Clone)]
 pub(super) struct SimulatedSensor {
     name: String,
@@ -44,17 +44,17 @@ impl SampleClock {
 }
 
 impl SimulatedSensor {
-    /// Advances the sample count to `t_s`, so that no noise value repeats.
+    /// Advances the sample index to the time `t_s`, so that no noise value repeats.
     pub fn advance_sample_count_to(&mut self, t_s: f64) {
         self.sample_count = self.sample_count.max((t_s * ASSUMED_MAX_SAMPLE_RATE_HZ) as u64);
     }
 }
 
-/// Rate at which the sample count advances with the time of the world: no sensor is assumed to sample faster.
+/// Rate at which the sample index advances with world time. Assumption: no sensor samples faster.
 const ASSUMED_MAX_SAMPLE_RATE_HZ: f64 = 1e6;
 
 impl SimulatedWorld {
-    /// Adds these sensors, each with the errors of its `[[simulated.sensor]]`; without one, the sensor is
+    /// Adds these sensors, each with the errors of its `[[simulated.sensor]]`; a sensor without such a table is
     /// ideal.
     ///
     /// # Errors
@@ -82,8 +82,8 @@ impl SimulatedWorld {
         Ok(self)
     }
 
-    /// Lets `after_s` pass by the clock of the sensor `name`, then returns its sample at the axis positions,
-    /// which are earlier ones if the sensor has a latency. `None`: there is no such sensor.
+    /// Lets `after_s` pass by the clock of the sensor `name`, then returns its sample. If the sensor has a latency, the
+    /// sample belongs to the earlier axis positions. `None`: there is no such sensor.
     pub fn sample_after(&mut self, name: &str, after_s: f64) -> Option<SensorOutput> {
         let number = self.sensor_index(name)?;
         let elapsed_s = self.time_to_next_sample_s(number, after_s)?;

@@ -14,7 +14,7 @@ const VISUAL_DISTANCE_RESOLUTION: f64 = 0.1;
 
 pub struct SimulatedOperator {
     world: Arc<Mutex<SimulatedWorld>>,
-    /// True position at which a jog was allowed.
+    /// True position when the operator allowed the current jog.
     true_position_before_jog: Position,
 }
 

@@ -26,7 +26,7 @@ pub(super) enum RandomSource {
     CertifiedLengthError,
     /// Harmonics of a rotary axis: axis, component, order, part.
     RotaryAxisHarmonics,
-    /// Phase, 0 to 1, of the PLC scan at which the contact of one touch occurs; key of `TouchScatter`.
+    /// Phase, 0 to 1, of the PLC scan at which the contact of one touch occurs; same key as `TouchScatter`.
     PlcScanPhase,
     /// Noise of one sample of a displacement sensor: sensor, sample.
     SampleNoise,
@@ -43,7 +43,7 @@ pub(super) enum RandomSource {
     MountingError,
     /// Repeatable part of a `[[simulated.rotary_motion]]`: axis, component, number of the order, part.
     SynchronousRotaryMotion,
-    /// Part of a `[[simulated.rotary_motion]]` that does not repeat; key of `SynchronousRotaryMotion`.
+    /// Part of a `[[simulated.rotary_motion]]` that does not repeat; same key as `SynchronousRotaryMotion`.
     AsynchronousRotaryMotion,
     /// Lost motion of a linear axis: axis.
     Backlash,
@@ -67,8 +67,8 @@ pub(super) fn draw_plc_scan_phase(seed: u64, n_word: u32, occurrence: u32) -> f6
     random::seeded_stream(seed, &[RandomSource::PlcScanPhase as u64, u64::from(n_word), u64::from(occurrence)]).random()
 }
 
-/// Two to six waves over the range `span_mm` of a displacement sensor, with a total standard deviation
-/// `sigma_um` at every distance. A lower order would be a gain error.
+/// Five waves with two to six periods over the range `span_mm` of a displacement sensor, with a total standard
+/// deviation `sigma_um` at every distance. A lower order would be a gain error.
 pub(super) fn draw_linearity_waves(seed: u64, sensor_index: usize, sigma_um: f64, span_mm: f64) -> Vec<LinearityWave> {
     const LINEARITY_WAVE_ORDERS: RangeInclusive<u32> = 2..=6;
     if sigma_um == 0.0 {
@@ -90,8 +90,8 @@ pub(super) fn draw_stylus_offset(seed: u64, sigma: f64) -> Vector3<f64> {
     Vector3::new(draw(0), draw(1), 0.0)
 }
 
-/// Harmonics of the form of a round part, with a total standard deviation `sigma_um`. `key`: the part among those
-/// of the same source.
+/// Harmonics of the form of a round part, with a total standard deviation `sigma_um`. `key` identifies the part among
+/// all parts of the same source.
 pub(super) fn draw_form_harmonics(
     seed: u64,
     source: RandomSource,
@@ -111,8 +111,8 @@ pub(super) fn draw_form_harmonics(
 /// u.
 pub(super) fn draw_ball_oval(seed: u64, ball_index: usize) -> Matrix3<f64> {
     let draw = |part| draw_normal(seed, RandomSource::BallDeviation, &[ball_index as u64, part]);
-    // For S with variance 1 on and 1/2 off the diagonal, uᵀSu has variance 1; removing a third of the trace
-    // leaves 2/3.
+    // For S with variance 1 on and 1/2 off the diagonal, uᵀSu has variance 1. Subtracting a third of the trace
+    // reduces the variance to 2/3.
     let full = Matrix3::from_diagonal(&Vector3::new(draw(4), draw(5), draw(6)))
         + symmetric_off_diagonal([draw(7), draw(8), draw(9)]) * 0.5_f64.sqrt();
     (full - Matrix3::from_diagonal_element(full.trace() / 3.0)) * 1.5_f64.sqrt()
@@ -130,8 +130,8 @@ pub(super) struct ProbeLobing {
 }
 
 impl ProbeLobing {
-    /// Draws the declared orders, or 2 to 6: the first is a stylus offset, the zeroth is part of the ball's
-    /// radius.
+    /// Draws the declared orders, or 2 to 6 if none is declared. Order 1 would be a stylus offset, order 0 a part of
+    /// the ball's radius.
     pub fn draw(seed: u64, sigma_mm: f64, declared_orders: &[u32]) -> Self {
         let orders = if declared_orders.is_empty() { &[2, 3, 4, 5, 6] } else { declared_orders };
         let term_sigma = sigma_mm / (orders.len() as f64).sqrt();

@@ -8,12 +8,12 @@ use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, InvalidErrorPar
 use machine::{Axis, Position};
 
 /// Error motions of a rotary axis along X, Y and Z: harmonics of its angle, 2 to 5 unless declared. The mean
-/// belongs to the axis position, and the first harmonic is inseparable from the eccentricity of what turns on the
+/// belongs to the axis position, and the first harmonic is inseparable from the eccentricity of the part on the
 /// axis.
 #[derive(Debug, Clone)]
 pub(super) struct RotaryErrors {
     axis: Axis,
-    /// Parameter that displaces the axis, with its harmonics.
+    /// Synchronous motions: error parameters, each with its harmonics of the axis angle.
     synchronous_motions: Vec<(ErrorParameter, Vec<OrderCosSin>)>,
     /// Asynchronous motions: their phases change with time, so that no two revolutions are alike, in either
     /// direction of rotation.
@@ -65,7 +65,7 @@ impl RotaryErrors {
         Ok(Self { axis, synchronous_motions: motions.collect::<Result<_, _>>()?, asynchronous_motions: Vec::new() })
     }
 
-    /// Draws the motions of a declaration.
+    /// Draws the motions that one `[[simulated.rotary_motion]]` declares.
     pub fn from_declaration(seed: u64, motion: &RotaryMotionMagnitudes) -> Result<Self, InvalidErrorParameter> {
         const COMPONENTS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B];
         let axis = motion.axis;

@@ -10,7 +10,7 @@ use machine::Axis;
 #[serde(deny_unknown_fields)]
 pub struct RotaryMotionMagnitudes {
     pub axis: Axis,
-    /// Standard deviation of EX., EY., EZ.; the next field is that of EA., EB.
+    /// Standard deviation of EX., EY. and EZ.; `angular_urad` is that of EA. and EB.
     #[serde(default)]
     pub linear_um: f64,
     #[serde(default)]

@@ -100,8 +100,8 @@ impl TrueScene {
         distance + self.lobing.pre_travel_mm(normal)
     }
 
-    /// Upper bound of the ball's distance from the axis `axis`, which is its travel per radian, with the linear axes
-    /// at `position`.
+    /// Upper bound of the distance of the stylus ball from the axis `axis` (its travel per radian), with the linear
+    /// axes at `position`.
     pub fn max_ball_distance_from_axis(&self, axis: Axis, position: &Position) -> f64 {
         if axis == Axis::S {
             return self.true_stylus_centre.x.hypot(self.true_stylus_centre.y);
@@ -125,7 +125,7 @@ impl TrueScene {
         self.view_from(spindle, shift, axes, t_s)
     }
 
-    /// The scene as seen from the bed: errors of the linear axes act between spindle and bed.
+    /// The scene as seen from the bed; it has no errors of the linear axes, which act between spindle and bed.
     pub fn view_from_bed(&self, axes: &Position, t_s: f64) -> SensorView<'_> {
         self.view_from(Pose::identity(), Vector3::zeros(), axes, t_s)
     }

@@ -11,9 +11,9 @@ use super::SimulatedWorldError;
 pub struct SensorTruth {
     /// Name of the `[[sensor]]` to which these errors apply.
     pub name: String,
-    /// True zero point less the stated one, spindle frame.
+    /// True zero point minus the stated one, frame of the mount.
     pub zero_offset_um: [f64; 3],
-    /// Tilt of the beam towards the two axes of the spindle frame across its stated direction: X and Y for a
+    /// Tilt of the beam towards the two axes of the mount's frame across its stated direction: X and Y for a
     /// beam along Z, X and Z along Y, Y and Z along X.
     pub tilt_urad: [f64; 2],
     /// Output per true distance.
@@ -56,7 +56,7 @@ pub struct LinearityWave {
 }
 
 impl Default for SensorTruth {
-    /// Ideal, except for the angle above which it receives no light, that of paper 2's kind of sensor.
+    /// Ideal sensor, except that `echo_limit_deg` is that of the sensor type in paper 2.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -80,7 +80,7 @@ impl Default for SensorTruth {
 
 impl SensorTruth {
     /// # Errors
-    /// Finds the first key whose value is impossible for a sensor.
+    /// Names the first key whose value is impossible for a sensor.
     pub(super) fn check_values(&self) -> Result<(), SimulatedWorldError> {
         let waves = self.linearity.iter().flatten();
         let curve = waves.clone().flat_map(|w| [w.amplitude_um, w.phase_deg]);

@@ -46,12 +46,12 @@ impl MeasuredObject<'_> {
 pub(super) struct SurfaceHit {
     /// Distance from the line's origin, mm.
     pub distance_from_origin_mm: f64,
-    /// Outward unit normal of the surface there, spindle frame.
+    /// Outward unit normal of the surface at this point, frame of the sensor's carrier.
     pub outward_normal: Vector3<f64>,
 }
 
 impl SensorView<'_> {
-    /// First surface that the line through `origin` along the unit vector `along` (spindle frame) enters within
+    /// First surface that the line through `origin` along the unit vector `along` (frame of the carrier) enters within
     /// `distance_range`. `None`: there is none, or the line begins inside a body.
     pub fn first_hit(&self, origin: Vector3<f64>, along: Vector3<f64>, distance_range: [f64; 2]) -> Option<SurfaceHit> {
         let [near, far] = distance_range;

@@ -10,8 +10,8 @@ use machine::{Axis, Position};
 const SPINDLE_ORIENTATION_SPEED_DEG_MIN: f64 = 10_000.0;
 const SPINDLE_ORIENTATION_ACCELERATION_DEG_S2: f64 = 1_000.0;
 
-/// Lost motion: a linear axis follows its command only after half the gap on either side is used up, so that
-/// its lag behind the last direction of motion is half the gap.
+/// Lost motion: after a reversal, a linear axis moves only once its command has passed the whole gap, so that the axis
+/// lags behind its command by half the gap.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LostMotion {
     half_backlash_mm: BTreeMap<Axis, f64>,
@@ -40,7 +40,7 @@ impl LostMotion {
     }
 }
 
-/// Bounds of a move: the speeds of the axes, and the largest distance of the ball from a rotary axis.
+/// Bounds of a move: the speeds of the axes, and the largest distance of the stylus ball from a rotary axis.
 pub(super) struct MoveBounds<'a> {
     pub stated_axes: &'a BTreeMap<Axis, StatedAxis>,
     pub max_ball_distance_from_axis: &'a dyn Fn(Axis, &Position) -> f64,
@@ -118,8 +118,8 @@ impl MovePath {
     }
 }
 
-/// Velocity profile of a move, limited by its slowest axis. A feed counts along the linear path, as in RS274/NGC; if
-/// only rotary axes move, it counts in degrees.
+/// Velocity profile of a move, limited by its slowest axis. A feed is the speed along the path of the linear axes, as
+/// in RS274/NGC; if only rotary axes move, it is in degrees per minute.
 fn velocity_profile_of_move(span: &Position, speed: Speed, axes: &BTreeMap<Axis, StatedAxis>) -> VelocityProfile {
     let (mut fastest, mut acceleration) = (f64::INFINITY, f64::INFINITY);
     for (axis, travel) in span.iter() {

@@ -59,8 +59,8 @@ impl ArtefactSurface {
         }
     }
 
-    /// Surface nearest to `point` at the time `t_s`. Point and result: table frame. `growth`: of the radius of a round
-    /// part; the growth of a small ball is far below a micrometre.
+    /// Surface nearest to `point` at the time `t_s`. Point and result: table frame. `growth`: growth of a round part's
+    /// radius, mm; the growth of a small ball is far below a micrometre.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> NearestSurface {
         match self {
             Self::Cylinder(cylinder) => cylinder.nearest(point, growth),
@@ -78,7 +78,7 @@ fn true_cylinder(cylinder: &Cylinder, truth: &MachineTruth) -> Result<TrueCylind
     let direction = Vector3::from(cylinder.axis);
     let is_finite = direction.iter().all(|part| part.is_finite());
     let is_valid = is_finite && direction.norm() > 0.0 && cylinder.height_mm > 0.0;
-    // A NaN is refused too: no `>` is true for it.
+    // This also rejects NaN, because every comparison with NaN is false.
     if !(is_valid && profile.min_radius_bound() > 0.0) {
         return Err(SimulatedWorldError::InvalidArtefact);
     }

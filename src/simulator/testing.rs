@@ -14,7 +14,7 @@ pub struct SampleInMotion {
 }
 
 impl SimulatedWorld {
-    /// Error motion of the rotary axis along or about the axis `component` at the unwrapped angle, rad; mm or rad.
+    /// Error motion, mm or rad, of the rotary axis along or about the axis `component` at the unwrapped angle, rad.
     pub fn true_rotary_error_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
         self.scene.rotary_error_motion(axis, component, angle)
     }

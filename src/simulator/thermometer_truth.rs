@@ -10,7 +10,7 @@ use super::{SimulatedWorld, SimulatedWorldError};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ThermometerTruth {
-    /// Name of the `[[thermometer]]` at this place.
+    /// Name of the `[[thermometer]]` to which this temperature applies.
     pub name: String,
     /// Temperature when the world is created.
     pub begins_c: f64,
@@ -26,7 +26,7 @@ impl Default for ThermometerTruth {
     }
 }
 
-/// Resolution of a reading.
+/// Resolution of a reading, in counts per kelvin.
 const COUNTS_PER_K: f64 = 100.0;
 
 impl ThermometerTruth {
@@ -48,7 +48,7 @@ impl SimulatedWorld {
     /// Adds thermometers of these names, each with the temperature of its `[[simulated.thermometer]]`.
     ///
     /// # Errors
-    /// A `[[simulated.thermometer]]` names no thermometer or the same one twice, or a number is impossible.
+    /// The name in a `[[simulated.thermometer]]` is unknown or occurs twice, or a number is impossible.
     pub fn with_thermometers(mut self, names: &[&str]) -> Result<Self, SimulatedWorldError> {
         let stated = std::mem::take(&mut self.thermometers);
         let count = |name: &str| stated.iter().filter(|stated| stated.name == name).count();

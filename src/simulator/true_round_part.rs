@@ -94,7 +94,7 @@ impl RadiusProfile {
     fn radius_and_derivatives(&self, psi: f64) -> [f64; 3] {
         let (mut sums, mut order) = ([self.radius, 0.0, 0.0], 0);
         let (sin_psi, cos_psi) = psi.sin_cos();
-        // Cosine and sine of order·psi, by the addition theorem: many sines would take most of a simulated turn.
+        // Cosine and sine of order·psi, by the addition theorem: calls of `sin` would dominate the computing time.
         let (mut cos, mut sin) = (1.0, 0.0);
         for (n, c, s) in &self.order_cos_sin_terms {
             while order < *n {

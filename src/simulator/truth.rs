@@ -53,18 +53,18 @@ pub struct MachineTruth {
     pub ball: Vec<BallTruth>,
     /// Balls that come loose during the run.
     pub ball_moves: Vec<BallMove>,
-    /// Relative excess of the true lengths over certificate and temperature.
+    /// Relative excess of the true lengths over the certified lengths at their true temperature.
     pub length_error_um_per_m: f64,
     /// Deflection of the table when the part is tilted.
     pub sag: Vec<SagTerm>,
     /// Lost motion of a linear axis when it reverses.
     pub backlash_um: BTreeMap<Axis, f64>,
-    /// How motors and probe are connected.
+    /// Wiring of the motors and of the probe.
     #[serde(skip_serializing_if = "Wiring::is_correct")]
     pub wiring: Wiring,
     /// Delay between contact and latch.
     pub latch: LatchDelay,
-    /// The displacement sensors in the spindle.
+    /// True errors of the displacement sensors.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensor: Vec<SensorTruth>,
     /// True temperatures at the thermometers.
@@ -97,7 +97,7 @@ pub struct ErrorMotionHarmonic {
 #[serde(deny_unknown_fields)]
 pub struct BallTruth {
     pub id: String,
-    /// True centre minus the stated one, table frame. A certificate takes precedence.
+    /// True centre minus the stated one, table frame. Certified lengths take precedence.
     #[serde(default)]
     pub offset_mm: [f64; 3],
     #[serde(default)]
@@ -116,7 +116,7 @@ pub struct BallMove {
     pub by_mm: [f64; 3],
 }
 
-/// Delay between a contact and the latched position. The axes continue to move meanwhile, and brake only after it.
+/// Delay between a contact and the latched position. The axes move on during the delay, and brake after it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LatchDelay {
@@ -186,7 +186,7 @@ impl MachineTruth {
         }
     }
 
-    /// All errors of the machine, in mm, rad and mm/mm.
+    /// All errors of the machine that the truth states, in mm, rad and mm/mm.
     pub(super) fn error_terms(&self) -> Result<Vec<ErrorTerm>, SimulatedWorldError> {
         let stated = self.errors.iter().map(|(key, value)| parse_error_term(key, *value));
         let mut terms = stated.collect::<Result<Vec<_>, _>>()?;

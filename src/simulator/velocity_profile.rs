@@ -75,9 +75,9 @@ impl VelocityProfile {
     }
 }
 
-/// A shorter step of the search is replaced by this one, mm.
+/// Minimum step of the search, mm.
 pub(super) const SEARCH_STEP_FLOOR_MM: f64 = 0.01;
-/// A crossing counts as located in an interval in which the distance cannot change by more than this.
+/// Maximum change of the distance, mm, over the interval in which a crossing is located.
 const CROSSING_DISTANCE_TOLERANCE_MM: f64 = 1e-10;
 
 /// First path fraction in `from_fraction..=1` at which `distance_mm` is no longer positive. `max_slope_mm` bounds

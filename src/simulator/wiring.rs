@@ -40,7 +40,7 @@ impl Wiring {
     }
 }
 
-/// The wiring of a machine that was at `origin` when it was built.
+/// True wiring, relative to the position `origin` at which the simulated machine was created.
 #[derive(Debug, Clone)]
 pub(super) struct TrueWiring {
     /// Wrong wiring, and the position at which the machine was built. `None`: the wiring is correct.

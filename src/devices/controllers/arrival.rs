@@ -8,8 +8,8 @@ use crate::controllers::ControllerError;
 use machine::record::machine::{Machine, StatedAxis};
 use machine::{Axis, Position};
 
-/// Largest distance from the target at which a control counts as arrived, mm or degrees: coarser than a
-/// step of any machine that can measure, and too small to cause a collision.
+/// Largest distance from the target at which an axis counts as arrived, mm or degrees: coarser than a step of any
+/// machine that can measure, and too small to cause a collision.
 const ARRIVAL_TOLERANCE_MM_OR_DEG: f64 = 0.02;
 
 /// Largest permitted distance of an axis from its target, mm or rad.
@@ -22,7 +22,7 @@ pub(in crate::controllers) fn axis_tolerance(axis: Axis, spec: Option<&StatedAxi
     }
 }
 
-/// Checks that `actual` is `target`. The error names the axis of `target` with the largest deviation.
+/// Checks that `actual` is `target` within `tolerance`. The error names the axis with the largest deviation.
 pub(in crate::controllers) fn check_position(
     target: &Position,
     actual: &Position,

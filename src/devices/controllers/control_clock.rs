@@ -5,13 +5,13 @@ use crate::controllers::ControllerError;
 
 /// Largest time of a clock, s, whatever its epoch. An `f64` of this size still resolves 0.02 ms.
 const MAX_CLOCK_TIME_S: f64 = 1e11;
-/// Largest time between two blocks of one preparation, s: after an operator was at the machine, the control is
+/// Largest time between two blocks of one preparation, s. A longer pause is for the operator: after it the control is
 /// prepared again.
 const MAX_TIME_BETWEEN_BLOCKS_S: f64 = 86_400.0;
 /// Coarsest resolution of a clock, s: a clock may count in whole seconds.
 const COARSEST_CLOCK_RESOLUTION_S: f64 = 1.0;
 
-/// Clock of a control since the preparation.
+/// Checks the times of a control's clock since the last preparation.
 #[derive(Debug, Default)]
 pub(in crate::controllers) struct ControlClock {
     last_s: Option<f64>,
@@ -87,7 +87,7 @@ mod tests {
         let mut clock = ControlClock::default();
         assert_eq!(check_and_select_time(&mut clock, 0.0, 1.7e9), Ok(Some(1.7e9)), "seconds of an epoch");
         assert_eq!(check_and_select_time(&mut clock, 1.7e9 + 12.5, 1.7e9 + 13.0), Ok(Some(1.7e9 + 12.5)));
-        assert_eq!(check_and_select_time(&mut clock, 0.0, 0.0), Ok(None), "it does not stamp");
+        assert_eq!(check_and_select_time(&mut clock, 0.0, 0.0), Ok(None), "no timestamps");
         assert_eq!(check_and_select_time(&mut clock, 1.7e9 + 3600.0, 0.0), Ok(Some(1.7e9 + 3600.0)));
         let mut coarse = ControlClock::default();
         assert_eq!(check_and_select_time(&mut coarse, 8.0, 8.0), Ok(Some(8.0)));
@@ -110,7 +110,7 @@ mod tests {
             assert_eq!(check_and_select_time(&mut clock, 0.0, 100.0), Ok(Some(100.0)));
             let refused = check_and_select_time(&mut clock, stamp_s, now_s).unwrap_err();
             assert!(refused.contains(named), "{refused}");
-            assert_eq!(check_and_select_time(&mut clock, 101.0, 102.0), Ok(Some(101.0)), "it is forgotten");
+            assert_eq!(check_and_select_time(&mut clock, 101.0, 102.0), Ok(Some(101.0)), "refused time not kept");
         }
     }
 }

@@ -37,7 +37,7 @@ pub struct ReportedAxisProperties {
     pub acceleration_per_s2: Option<f64>,
     /// Smallest step that the control can command or report, mm or degrees.
     pub resolution: Option<f64>,
-    /// Sense in which a positive command turns what the axis carries, if the control computes with it. The
+    /// Sense of rotation of the table or head for a positive command, as the control's kinematics compute it. The
     /// wiring of the machine may differ.
     pub positive_sense: Option<AxisSense>,
 }
@@ -64,11 +64,10 @@ impl ReadinessFinding {
 /// Requests that the operator permits during the search for the reason why a control does not answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DiagnosisMode {
-    /// Passive search: nothing is sent but what the machine file itself prescribes.
+    /// Search only with the settings of the machine file.
     Passive,
-    /// Active search: requests also at other baud rates, in the protocols of other controls, under other unit
-    /// numbers. None of them is a command in the protocol that is tried; their effect on another device is
-    /// unknown.
+    /// Search also at other baud rates, in the protocols of other controls, under other unit numbers. None of these
+    /// requests is a command in its own protocol; their effect on another device is unknown.
     Active,
 }
 
@@ -85,7 +84,7 @@ pub struct ConnectionDiagnosisRequest<'a> {
 pub struct PossibleCause {
     /// Whether the cause was observed; otherwise it is suspected.
     pub is_observed: bool,
-    /// Whether an active search could find out more.
+    /// Whether a search with other settings could find out more.
     pub needs_active_search: bool,
     /// Description of the possible cause.
     pub cause: String,
@@ -113,7 +112,7 @@ impl PossibleCause {
         Self { is_observed: false, needs_active_search: false, cause, evidence, remedy }
     }
 
-    /// A suspected cause about which an active search could find out more.
+    /// A suspected cause about which a search with other settings could find out more.
     pub(in crate::controllers) fn preliminary(
         cause: impl Into<String>,
         evidence: impl Into<String>,

@@ -91,8 +91,8 @@ impl ControllerError {
     }
 
     /// Whether the control may have lost the position of its axes: in that case the operator must home them before
-    /// anything else moves (grblHAL `alarms.h`; LinuxCNC reports itself whether it is homed). A machine
-    /// that did not execute a hold was stopped hard.
+    /// anything else moves (grblHAL `alarms.h`; LinuxCNC reports itself whether it is homed). After `HoldFailed` the
+    /// operator has stopped the machine by its emergency stop.
     pub fn may_have_lost_position(&self) -> bool {
         match self {
             ControllerError::ControlReset { .. } | Self::HoldFailed { .. } => true,

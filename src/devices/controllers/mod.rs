@@ -1,7 +1,7 @@
 //! Interface to machine controls. A driver executes neutral blocks, one touch at a time. Its task owns the
 //! link, and none of its futures is dropped before it completes: callers send messages.
 //!
-//! A stop holds the machine, which stays where it is. Nothing here is an emergency stop.
+//! A halt holds the machine at its position. It is not an emergency stop.
 
 use std::fmt;
 use std::future::Future;
@@ -235,8 +235,8 @@ impl Controller {
 /// Task of the driver: handles requests one after the other until the handle is dropped. If the caller no
 /// longer waits for an answer, the answer is dropped; the request was still executed to its end.
 async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver<DriverRequest>, halt: HaltHandle) {
-    // A control that was held meanwhile is not ready: that is not its own fault. A lost position is
-    // reported all the same.
+    // After a halt a control reports that it is not ready: the error is `Halted`. A lost position is reported
+    // nevertheless.
     let held = |error: ControllerError| match halt.is_halt_requested() && !error.may_have_lost_position() {
         true => ControllerError::Halted,
         false => error,

@@ -12,7 +12,7 @@ use link::{LinkConfig, LinkError, SERIAL_PORTS_BY_ID_DIR};
 /// ports without a device.
 const SERIAL_PORT_PREFIXES: [&str; 3] = ["ttyUSB", "ttyACM", "ttyAMA"];
 
-/// Suspected causes if the link `at` could not be opened, from the system's error; none if it could.
+/// Possible causes why the link `at` could not be opened, from the system's error; none for other errors.
 pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &ControllerError) -> Vec<PossibleCause> {
     let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) = failure else {
         return Vec::new();

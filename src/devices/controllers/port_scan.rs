@@ -124,7 +124,7 @@ async fn query_matching_line(address: &LinkAddress, request: &[u8], is_match: im
     None
 }
 
-/// Whether a Modbus device answers as `unit`, even if with a refusal.
+/// Whether a Modbus device answers as `unit`; an exception reply counts as an answer.
 pub(in crate::controllers) async fn has_modbus_unit(line: &ModbusLineConfig, unit: u8) -> bool {
     let read = vec![RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 }];
     let settings = DeviceSettings {
@@ -155,8 +155,8 @@ mod tests {
 
     #[test]
     fn status_query_at_a_wrong_baud_rate_is_no_command() {
-        // Grbl's realtime commands that act (grblHAL `grbl.h`: exit, reset, stop; of those from 0x80 on,
-        // 0x80 and 0x87 report and 0x9f is none), line ends, and every character that a line may contain.
+        // Grbl's realtime commands that act (grblHAL `grbl.h`: exit, reset, stop, and 0x81 to 0xa4 except the report
+        // 0x87 and the unused 0x9f), line ends, and every character that a line may contain.
         let acts = |byte: u8| {
             matches!(byte, b'\n' | b'\r' | 0x03 | 0x18 | 0x19 | 0x81..=0x86 | 0x88..=0x9e | 0xa0..=0xa4)
                 || (0x20..0x7f).contains(&byte)

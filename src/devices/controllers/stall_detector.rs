@@ -6,7 +6,7 @@ use tokio::time::Instant;
 
 use crate::controllers::ControllerError;
 
-/// State that a control reports, and the time since which it has reported the same.
+/// State that a control reports, and the time of the first report of this state.
 pub(in crate::controllers) struct StallDetector<State>(Option<(State, Instant)>);
 
 impl<State: PartialEq> StallDetector<State> {
@@ -14,8 +14,8 @@ impl<State: PartialEq> StallDetector<State> {
         Self(None)
     }
 
-    /// Error if the control has reported `state` for longer than `max_stall_time` plus `planned_standstill`, the rest
-    /// that `line` itself contains. `line` is named in the error.
+    /// Error if the control has reported `state` for longer than `max_stall_time` plus `planned_standstill`, the
+    /// standstill that `line` commands. The error names `line`.
     pub fn check_not_stalled(
         &mut self,
         state: State,

@@ -5,7 +5,7 @@ use super::Sample;
 use super::sample_layout::DecodedSample;
 use machine::record::reading::ReadingFlag;
 
-/// Follows the counter of a sensor that sends a value and a count.
+/// Follows the sample counter of a sensor.
 #[derive(Default)]
 pub struct CounterTracker {
     /// Number of samples after which the counter restarts.
@@ -51,7 +51,7 @@ impl CounterTracker {
         self.unrequested_count
     }
 
-    /// Forgets the last count: the next sample is new whatever its count, and no sample before it is missing.
+    /// Discards the last count: the next sample counts as new, and no sample before it counts as missing.
     pub fn restart(&mut self) {
         self.ignore_next_gap();
         self.last_count = None;

@@ -2,7 +2,7 @@
 //! with the value. A counter restarts after `modulus` counts; the count is kept as the remainder, and only
 //! differences of counts are used. A signed count has the same remainders.
 
-/// Number of counts until a counter with more bits restarts; an unlimited counter is also read modulo this value.
+/// Largest modulus: the count of a wider or unlimited counter is read modulo this value.
 pub(super) const COUNT_MODULUS_CAP: u64 = 1 << 32;
 
 /// Number of counts after which the counter of the table `key` restarts: `declared_modulus`, or the capacity of `bits`

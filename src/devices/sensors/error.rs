@@ -34,7 +34,7 @@ impl SensorError {
     /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
-            // The link's own message concerns the machine, whose state is not in doubt here.
+            // The remedy of a lost link concerns the machine; a sensor that is lost leaves the machine's state known.
             Self::Link(LinkError::Lost { .. })
             | Self::Modbus(ModbusError::ConnectionLost { .. } | ModbusError::LinkThreadEnded { .. }) => {
                 "check the sensor's power and cable; use serial_id for a port whose device name changes".to_owned()

@@ -91,7 +91,7 @@ fn counter_shows_missing_and_repeated_samples() {
     let one = Some(1e-5);
     assert_eq!(read(254), expected_sample(one, ReadingFlag::None, 0));
     assert_eq!(read(255), expected_sample(one, ReadingFlag::None, 0));
-    assert_eq!(read(0), expected_sample(one, ReadingFlag::None, 0), "round again");
+    assert_eq!(read(0), expected_sample(one, ReadingFlag::None, 0), "the counter wraps");
     assert_eq!(read(3), expected_sample(one, ReadingFlag::Gap, 2));
     assert_eq!(read(3), expected_sample(None, ReadingFlag::Stale, 0));
     assert_eq!(read(3), expected_sample(None, ReadingFlag::Stale, 0));

@@ -100,11 +100,11 @@ pub struct SensorInfo {
 
 /// Interface that each sensor implements. One call at a time; each call runs to its end.
 pub trait SensorDriver: Send + 'static {
-    /// Opens the link, and checks that the sensor is working and that its data make sense.
+    /// Checks that the sensor works and that its data are valid, and measures its sample rate.
     fn prepare(&mut self) -> impl Future<Output = Result<SensorInfo, SensorError>> + Send;
     /// Discards samples that came before this call and were not read.
     fn discard_old_samples(&mut self) -> impl Future<Output = Result<(), SensorError>> + Send;
-    /// Returns the next sample. Silence gives a sample too: after the sensor's timeout it is `Stale`.
+    /// Returns the next sample. If none comes within the sensor's timeout, returns one with the flag `Stale`.
     fn next(&mut self) -> impl Future<Output = Result<Sample, SensorError>> + Send;
     /// Whether the sensor sends only on request: then it cannot be watched while the machine moves.
     fn is_on_demand(&self) -> bool;
@@ -120,7 +120,7 @@ const MAX_CONSECUTIVE_SILENCES: u32 = 3;
 
 /// Time for which a sensor is read to determine its rate.
 const RATE_MEASUREMENT_TIME: Duration = Duration::from_millis(500);
-/// Number of samples after which the measurement of the rate ends before its time.
+/// Number of samples after which the measurement of the rate ends early.
 const MAX_RATE_MEASUREMENT_SAMPLES: usize = 50;
 
 type SamplePredicate = Box<dyn Fn(&Sample) -> bool + Send>;

@@ -1,4 +1,4 @@
-//! Counts of the samples that came from a sensor, and of those that did not.
+//! Counts of a sensor's received, lost, stale and unrequested samples.
 
 use std::fmt;
 

@@ -54,7 +54,7 @@ pub enum InvalidReason {
     Range,
     /// Too much light comes back.
     Saturated,
-    /// The value is an earlier one.
+    /// The value was already reported earlier.
     Stale,
 }
 

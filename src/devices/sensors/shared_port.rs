@@ -10,8 +10,8 @@ pub struct SharedPort {
 }
 
 impl SharedPort {
-    /// Describes how this port differs from that of the sensor `owner`; `None` if it is another port, or if
-    /// both can share it.
+    /// Describes how this port differs from that of the sensor `owner`; `None` if the ports are not the same port, or
+    /// if both sensors can share it.
     pub fn describe_conflict(&self, owner: &str, other: &Self) -> Option<String> {
         if self.name != other.name {
             return None;

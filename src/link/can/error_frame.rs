@@ -6,7 +6,7 @@ use socketcan::errors::{ControllerProblems, ErrorCause};
 /// Effect of one error frame.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum ErrorFrameEffect {
-    /// Bits that no node can decode. The sender sends the frame again.
+    /// Bus errors (bits that cannot be decoded), with the description. The sender repeats the frame.
     BusErrors(String),
     /// The controller is bus-off: it receives nothing until it is restarted.
     BusOff(String),

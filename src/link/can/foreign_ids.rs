@@ -1,5 +1,5 @@
-//! Detects other identifiers on the bus while no frame of the own identifier arrives. Without this check, a wrong
-//! identifier cannot be distinguished from a silent sensor.
+//! Detects other identifiers on the bus while no frame of the own identifier (of the receiver) arrives. Without this
+//! check, a wrong identifier cannot be distinguished from a silent sensor.
 
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ enum IdFilterState {
     /// Only the own identifier.
     OwnId,
     AllIds,
-    /// Only the own identifier; other identifiers have been accepted since the last own frame.
+    /// Only the own identifier; the socket has already accepted all identifiers once since the last own frame.
     OwnIdAfterScan,
 }
 
@@ -41,7 +41,7 @@ impl ForeignIdDetector {
         Self { filter: IdFilterState::OwnId, filter_since: now, reported_ids: Vec::new() }
     }
 
-    /// Records a frame of the own identifier.
+    /// Records a frame of the own identifier. Returns the filter that must be set now; `None`: the filter stays.
     pub fn record_own_frame(&mut self, now: Instant) -> Option<IdFilterChange> {
         let previous = self.filter;
         *self = Self::new(now);

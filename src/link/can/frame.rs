@@ -10,7 +10,7 @@ pub struct CanId(pub(super) Id);
 
 impl CanId {
     /// # Errors
-    /// The identifier is too large; as a message.
+    /// A message, if the identifier is too large.
     pub fn new(raw: u32, is_extended: bool) -> Result<Self, String> {
         if is_extended {
             let max_id = ExtendedId::MAX.as_raw();

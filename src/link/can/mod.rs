@@ -33,7 +33,7 @@ const MAX_QUEUED_FRAMES: usize = 4096;
 #[derive(Debug, Clone, PartialEq)]
 pub enum CanEvent {
     Frame(CanFrame),
-    /// The interface is down or gone, with the reason. The driver opens the interface again once it is up.
+    /// The interface is down or gone, with the reason. The receiver thread reopens the interface once it is up again.
     InterfaceDown(String),
     /// The interface is up again; frames sent meanwhile are lost.
     InterfaceUp,
@@ -96,7 +96,7 @@ impl CanReceiver {
     pub async fn next_event(&mut self, max_wait: Duration) -> Result<Option<CanEvent>, CanError> {
         match &mut self.source {
             FrameSource::Generator(source) => Ok(source().map(CanEvent::Frame)),
-            // The dropped future waits on a channel, not on the device.
+            // Dropping this future after `max_wait` loses no event: it waits on a channel, not on the device.
             FrameSource::Events(events) => match timeout_at(Instant::now() + max_wait, events.recv()).await {
                 Err(_) => Ok(None),
                 Ok(Some(event)) => Ok(Some(event)),

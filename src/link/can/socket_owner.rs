@@ -77,8 +77,8 @@ impl SocketOwner {
                             self.queue_frame(CanFrame::new(t_s, id, frame.data()));
                             filter_change = detector.record_own_frame(Instant::now()).or(filter_change);
                         }
-                        // Frames of other identifiers can arrive before the filter is set, a moment after the
-                        // socket is opened.
+                        // The filter is set only after the socket is opened: in between, frames of other identifiers
+                        // can arrive.
                         id if detector.record_new_foreign_id(id) => self.send_report_if_room(CanEvent::ForeignId(id)),
                         _ => {}
                     }
@@ -137,19 +137,19 @@ impl SocketOwner {
         }
     }
 
-    /// Sends a change of state, and waits for room in the queue, behind the frames that arrived before. No frame
-    /// can be missed meanwhile, because the interface delivers none.
+    /// Queues a change of state behind the frames that arrived before, and waits while the queue is full. No frame is
+    /// missed meanwhile, because the interface delivers none.
     fn send_state_change(&mut self, event: CanEvent) {
         if self.unreported_lost_frames > 0
             && self.event_sender.blocking_send(CanEvent::LostFrames(self.unreported_lost_frames)).is_ok()
         {
             self.unreported_lost_frames = 0;
         }
-        // The receiver is dropped: `run` detects it.
+        // A send error means that the receiver is dropped, which `run` detects.
         let _ = self.event_sender.blocking_send(event);
     }
 
-    /// Sends a report that is neither frame nor state. It may be dropped, but it must not displace a frame.
+    /// Sends a report (neither a frame nor a change of state) only while more than half of the queue is free.
     fn send_report_if_room(&self, event: CanEvent) {
         if self.event_sender.capacity() > MAX_QUEUED_FRAMES / 2 {
             let _ = self.event_sender.try_send(event);

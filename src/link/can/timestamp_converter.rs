@@ -1,5 +1,5 @@
 //! Conversion of the kernel's time stamps. The kernel stamps frames with the host's real-time clock, which may be
-//! set at any time; samples have monotonic time. The age of a frame at the moment of reading is exact in both.
+//! set at any time; samples have monotonic time. The age of a frame at the moment of reading is equal on both clocks.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -11,7 +11,7 @@ pub(super) struct TimestampConverter {
     last_returned_s: f64,
 }
 
-/// Maximum age of a frame in the kernel's buffer, s. An older stamp dates from before the real-time clock was set.
+/// Maximum age of a frame in the kernel's buffer, s. A greater age means that the real-time clock was set meanwhile.
 const MAX_TRUSTED_STAMP_AGE_S: f64 = 60.0;
 
 impl TimestampConverter {

@@ -11,7 +11,7 @@ pub struct RegisterRange {
     pub last: u16,
 }
 
-/// Access list. A writable register is also readable, because each write is read back.
+/// Registers that a client may access. A writable register is also readable, because each write is read back.
 #[derive(Debug, Clone, Default)]
 pub struct AccessList {
     pub readable: Vec<RegisterRange>,
@@ -47,8 +47,8 @@ impl AccessList {
         refused("the registers are not within one permitted range".to_owned())
     }
 
-    /// Harmless reads from the start of each permitted range, each with another reply length within the range. They do
-    /// not read all registers.
+    /// Reads from the start of each permitted range, at most eight per range, each with another reply length within the
+    /// range.
     pub(super) fn reads_of_distinct_reply_length(&self) -> impl Iterator<Item = RegisterAccess> + '_ {
         let readable = self.readable.iter().chain(&self.writable);
         readable.flat_map(|range| {

@@ -29,7 +29,7 @@ pub struct ModbusDeviceKeys {
 #[derive(Debug, Clone)]
 pub struct ModbusDeviceConfig {
     pub line: ModbusLineConfig,
-    /// Unit identifier: RTU 1 to 247; TCP 255 unless a gateway forwards by it.
+    /// Unit identifier: RTU 1 to 247; TCP 255, unless a gateway needs it to select the device.
     pub unit: u8,
     /// Maximum time until the reply.
     pub timeout: Duration,
@@ -46,7 +46,7 @@ impl TryFrom<ModbusDeviceKeys> for ModbusDeviceConfig {
     type Error = String;
 
     /// # Errors
-    /// Keys that exclude each other, or a value out of range; as a message.
+    /// A message, if keys exclude each other or a value is out of range.
     fn try_from(keys: ModbusDeviceKeys) -> Result<Self, String> {
         let ModbusDeviceKeys { serial, serial_id, tcp, baud, .. } = keys;
         let link = LinkConfig::from_keys(LinkKeys { serial, serial_id, tcp, baud }, DEFAULT_BAUD)?;

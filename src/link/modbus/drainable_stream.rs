@@ -1,4 +1,4 @@
-//! The stream below tokio-modbus. It remains when a context is dropped, so that the line can be drained.
+//! The stream that a tokio-modbus context uses. It outlives the context, so that the line can be drained.
 
 use std::fmt;
 use std::io;
@@ -13,7 +13,7 @@ use tokio::time::{Instant, timeout_at};
 use crate::boxed_stream::BoxedStream;
 use crate::stream_owner::poll_once;
 
-/// Maximum number of bytes without a silence, bytes; more cannot be a late reply.
+/// Maximum number of bytes that are drained without a silence; more cannot be a late reply.
 const MAX_DRAIN_BYTES: usize = 16 * 1024;
 
 /// Stream that a context and its owner share; both are on one thread.
@@ -40,8 +40,8 @@ impl DrainableStream {
         self.lock_stream().last_byte_time = Instant::now();
     }
 
-    /// Drops the bytes that have already arrived, without waiting, and returns their number. (The shortest wait of
-    /// a timer is 1 ms.)
+    /// Drops the bytes that have already arrived, without waiting, and returns their number. (A wait with a timer would
+    /// take at least 1 ms.)
     ///
     /// # Errors
     /// The stream has ended, or bytes arrive without end.

@@ -1,4 +1,4 @@
-//! Errors of a request.
+//! Errors of a Modbus request.
 
 use std::time::Duration;
 
@@ -49,8 +49,8 @@ fn exception_name(code: u8) -> &'static str {
 }
 
 impl ModbusError {
-    /// Whether a write may have reached the device in spite of the error. The caller must not repeat it before
-    /// reading the device's counter.
+    /// Whether a write may have reached the device in spite of the error. The caller must read the device's counter
+    /// before it repeats the write.
     pub fn write_may_have_arrived(&self) -> bool {
         match self {
             Self::Timeout { .. }
@@ -96,8 +96,8 @@ impl ModbusError {
             }
             Self::NotAllowed { .. } => "compare the register map with the registers of the device",
             Self::ReadBackDiffers { .. } => {
-                "another program writes these registers, or the device clears or limits them: see its \
-                 manual"
+                "another program writes these registers, or the device clears or limits them: see the manual \
+                 of the device"
             }
             Self::HoldActive { .. } => "check the machine, then acknowledge the stop",
         };

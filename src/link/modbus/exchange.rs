@@ -12,16 +12,16 @@ use super::urgent_queue::UrgentQueue;
 use super::{DeviceSettings, Framing, ModbusError, ModbusLineConfig};
 use crate::link_mode::LinkBackend;
 
-/// Maximum time for which a hold waits for an owed TCP reply.
+/// Maximum time for which a hold waits for a pending TCP reply.
 const MAX_HOLD_WAIT_FOR_TCP_REPLY: Duration = Duration::from_millis(20);
 /// Maximum number of test reads that check whether the line is clear, before one request.
 const MAX_TEST_READS: usize = 3;
 
-/// The connection, and the replies that it still owes.
+/// Connection of one line, and the replies that may still arrive on it.
 pub(super) struct ModbusExchange {
     line: ModbusLineConfig,
     backend: LinkBackend,
-    /// A hold interrupts a wait for a reply.
+    /// Urgent writes. A queued urgent write shortens the wait for a TCP reply, and ends the clearing of an RTU line.
     pub(super) urgent_queue: UrgentQueue,
     stream: Option<DrainableStream>,
     /// Over TCP, the context lives as long as the connection, because it holds the transaction numbers.
@@ -63,7 +63,7 @@ impl ModbusExchange {
 
     /// Like `perform`, without clearing the line first: a hold does not wait.
     pub(super) async fn perform_urgent(&mut self, access: &RegisterAccess, settings: &DeviceSettings) {
-        // Only the device can show whether the write has arrived.
+        // A failure is not reported: only the device can show whether the write has arrived.
         if self.open_and_wait_for_silence().await.is_ok() {
             let _ = self.send_request(access, settings).await;
         }
@@ -100,7 +100,7 @@ impl ModbusExchange {
         self.stream = None;
     }
 
-    /// A read whose reply cannot be confused with any reply that is owed.
+    /// A read whose reply cannot be confused with any pending reply.
     fn choose_test_read(&self, settings: &DeviceSettings) -> Option<RegisterAccess> {
         let mut test_reads = settings.access_list.reads_of_distinct_reply_length();
         test_reads.find(|test_read| !self.owed_replies.contains(&test_read.reply_shape(settings.unit)))
@@ -114,7 +114,7 @@ impl ModbusExchange {
         self.owed_replies.retain(|reply| reply.unit != unit);
     }
 
-    /// RTU: sends a read of a shape that is not owed. Its reply proves that no owed reply of this unit can follow.
+    /// RTU: sends a read whose reply differs from all pending replies of the unit. None of them can follow that reply.
     async fn clear_line(&mut self, access: &RegisterAccess, settings: &DeviceSettings) -> Result<(), ModbusError> {
         let unit = settings.unit;
         let mut why = String::new();
@@ -145,8 +145,8 @@ impl ModbusExchange {
         Err(ModbusError::LineNotCleared { request: access.to_string(), why })
     }
 
-    /// Waits for a long silence, because no test read can distinguish the owed replies. An urgent write ends the
-    /// wait.
+    /// Waits for a long silence, because the reply to no test read could be distinguished from the pending replies. An
+    /// urgent write ends the wait.
     async fn wait_for_pending_replies(&mut self, settings: &DeviceSettings) {
         self.stream.iter().for_each(DrainableStream::restart_silence_timer);
         self.drain_until_silent_or_urgent(settings.timeout).await;
@@ -242,7 +242,7 @@ impl ModbusExchange {
             self.urgent_queue.wait_for_write().await;
             sleep(MAX_HOLD_WAIT_FOR_TCP_REPLY).await;
         };
-        // Dropping a call here drops its context too.
+        // After a dropped call, `send_request` also drops the context.
         tokio::select! {
             biased;
             replied = timeout(settings.timeout, context.call(access.to_pdu())) => {

@@ -45,7 +45,7 @@ impl ModbusLineConfig {
     /// Settings from a file; the default parity of a serial line is even.
     ///
     /// # Errors
-    /// Keys that exclude each other; as a message.
+    /// A message, if keys exclude each other.
     pub fn from_keys(link: LinkConfig, framing: Option<Framing>, parity: Option<Parity>) -> Result<Self, String> {
         let default_line = Self::with_defaults(link);
         let over_tcp = matches!(default_line.link, LinkConfig::Tcp(_));

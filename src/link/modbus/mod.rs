@@ -8,15 +8,15 @@
 //! - TCP: the connection is closed and reopened. A reply contains its transaction number, and a new connection has
 //!   no old replies.
 //! - RTU: the link waits until the line has been silent for 3.5 characters. Then it first sends a read whose reply
-//!   has another shape than all replies that are still owed: another function or another count. A device answers in
-//!   order; after *that* reply, no older reply can follow.
+//!   differs in function or count from all replies that are still pending. A device answers in order: after the reply
+//!   to this read, no older reply can follow.
 //!
 //! Handles of one RTU line may have different units. A reply contains its unit, so a late reply is never taken for
-//! a reply of another unit. The line is cleared before the next request to the unit that owes a reply.
+//! a reply of another unit. The line is cleared before the next request to the unit whose reply is pending.
 //!
 //! The link also keeps the silence before each RTU request, and drops bytes that arrive meanwhile (a reply sent
-//! twice). One risk remains: a duplicate reply that arrives after the next request was sent. Therefore registers
-//! that count (a sequence, a heartbeat) must tie a value to its time.
+//! twice). One risk remains: a duplicate reply that arrives after the next request was sent. Therefore each reply
+//! should contain a counter (a sequence, a heartbeat) that shows whether its values are new.
 //!
 //! A request is sent once. The link never repeats a write without a reply: it is unknown whether the write has
 //! arrived, and the caller decides by the device's counter ([`ModbusError::write_may_have_arrived`]).
@@ -49,8 +49,8 @@ pub use line_config::{ModbusLineConfig, Parity};
 
 use register_access::RegisterAccess;
 
-/// The four address spaces of a device. A bit counts as a register with the value 0 or 1. The default is that of
-/// measured values.
+/// The four address spaces of a device. A bit counts as a register with the value 0 or 1. Default: the input
+/// registers, which hold measured values.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RegisterSpace {
@@ -71,7 +71,7 @@ impl RegisterSpace {
 /// Settings of a Modbus device.
 #[derive(Debug, Clone)]
 pub struct DeviceSettings {
-    /// The unit identifier: RTU 1 to 247; TCP 255 unless a gateway forwards by it.
+    /// The unit identifier: RTU 1 to 247; TCP 255, unless a gateway needs it to select the device.
     pub unit: u8,
     /// Maximum time until the reply.
     pub timeout: Duration,

@@ -124,7 +124,7 @@ impl NumberFormat {
         if value.is_finite() { Ok(value) } else { Err(RegisterValueError::NotFinite(value)) }
     }
 
-    /// Encodes `value` in words; integer types are rounded.
+    /// Encodes `value` in words; for an integer type, the value is rounded.
     ///
     /// # Errors
     /// The value does not fit.
@@ -165,7 +165,7 @@ impl NumberFormat {
         } else {
             (0, (1_i128 << bits) - 1)
         };
-        // Exact below 2^53; the check decides whether the conversion counts.
+        // The conversion is exact up to 2^53; larger values are refused.
         let number = (whole.abs() <= MAX_EXACT_INTEGER).then_some(whole as i128)?;
         (least <= number && number <= most).then_some(number as u64)
     }

@@ -33,7 +33,7 @@ pub(super) struct ReplyShape {
 }
 
 impl ReplyShape {
-    /// Whether unit and function agree. An exception reply contains nothing else.
+    /// Whether unit and function agree. Apart from its exception code, an exception reply contains nothing else.
     pub(super) fn has_same_unit_and_function(self, other: Self) -> bool {
         (self.unit, self.function_code) == (other.unit, other.function_code)
     }

@@ -1,4 +1,4 @@
-//! Captured commands with the replies to the queries between them. All protocols share them.
+//! Captured commands, with the replies to the queries between two commands; the same for all protocols.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ pub(super) struct CommandExchange {
 pub(super) struct ExchangeHistory {
     exchanges: Vec<CommandExchange>,
     current_index: usize,
-    /// Number of replies to each query in the current exchange.
+    /// Number of replies to each query that the replay has returned since the current command.
     returned_reply_counts: BTreeMap<Vec<u8>, usize>,
 }
 

@@ -1,6 +1,6 @@
-//! Replay of a protocol in lines. Single bytes are sent outside of lines; `?` requests a status report, a line in
-//! `<` and `>` that may arrive at any time. A line that begins with `get ` is a query too; its reply arrives before
-//! any other line.
+//! Replay of a protocol in lines. Single bytes are sent outside of lines; `?` requests a status report (a line enclosed
+//! in `<` and `>`), which may arrive at any time. A line that begins with `get ` is a query too; its reply arrives
+//! before any other line.
 
 use super::capture_parser::{CapturedLink, Transfer};
 use super::exchange_history::ExchangeHistory;
@@ -89,7 +89,7 @@ impl LinkScript for LineScript {
         }
         for command in self.splitter.split_commands(bytes) {
             replies.extend(match () {
-                // The control has sent no status report so far.
+                // Without a captured status report up to this command, nothing is returned.
                 () if is_status_poll(&command) => self.history.reply_to_query(&command).unwrap_or_default(),
                 () if is_query(&command) => self
                     .history

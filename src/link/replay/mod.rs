@@ -100,7 +100,7 @@ impl CaptureReplay {
         let failure = script.is_none().then(|| ReplayError::NoFurtherLink { link: name.to_owned() });
         let state = ReplayState { script, failure, ..ReplayState::default() };
         let link_replay = LinkReplay { now_s: self.now_s.clone(), state: Arc::new(Mutex::new(state)) };
-        // Data that the device sends without a request.
+        // Queues the data that the device has sent before the first request.
         link_replay.process_sent_bytes(&[]);
         link_replay
     }

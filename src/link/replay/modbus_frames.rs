@@ -1,4 +1,4 @@
-//! Modbus frames: their ends, and the transaction number, which differs between capture and replay.
+//! Modbus frames: where they end, and their transaction number, which differs between capture and replay.
 
 use crc::{CRC_16_MODBUS, Crc};
 
@@ -11,7 +11,7 @@ const TCP_HEADER_BYTES: usize = 6;
 
 impl Framing {
     /// Removes all complete frames at the beginning of `bytes`; returns their bodies and transaction numbers (0 on
-    /// RTU). The remainder stays. RTU frames are separated by pauses: there `bytes` is one frame.
+    /// RTU). An incomplete frame stays in `bytes`. RTU: pauses separate frames, so `bytes` holds at most one frame.
     pub(super) fn take_complete_frames(self, bytes: &mut Vec<u8>) -> Vec<(u16, FrameBody)> {
         let mut frames = Vec::new();
         match self {

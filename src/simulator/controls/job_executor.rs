@@ -7,7 +7,7 @@ use crate::SimulatedWorld;
 use crate::interpreter::{ActiveJob, Job, JobResult, ProbeInputFault, SimulationPace};
 use machine::Position;
 
-/// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
+/// Number of status reports in which a brushed stylus reads closed: two, because one may be lost on a bad wire.
 const BRUSH_REPORT_COUNT: u8 = 2;
 
 /// The machine of a simulated control, its current job and its probe input.
@@ -43,7 +43,7 @@ impl JobExecutor {
         self.with_world(|world| self.probe_fault.is_probe_closed(world))
     }
 
-    /// Registers that a report has shown the probe state.
+    /// Updates the probe fault after a report that contained the probe state.
     pub fn on_probe_state_reported(&mut self) {
         self.probe_fault = self.probe_fault.after_report();
     }

@@ -13,7 +13,7 @@ pub enum Job {
         to: Position,
         feed_mm_min: Option<f64>,
     },
-    /// `alarms_on_miss`: a miss is an alarm (G38.2). `n`: the line's number.
+    /// `alarms_on_miss`: a move without contact raises an alarm (G38.2). `n`: the N word of the line.
     Probe {
         to: Position,
         feed_mm_min: f64,
@@ -38,9 +38,9 @@ pub enum ProbeInputFault {
     StuckOpen,
     /// An obstacle is in the path of the next probing move.
     ObstacleOnNextProbe,
-    /// The stylus is brushed during the next rapid or turn (`BrushPending`), or now (`BrushedForReports`: the number
-    /// of further reports that read closed).
+    /// The stylus will be brushed during the next rapid or rotary move.
     BrushPending,
+    /// The stylus is brushed; number of further reports that read closed.
     BrushedForReports(u8),
 }
 
@@ -54,7 +54,7 @@ impl ProbeInputFault {
         }
     }
 
-    /// State after a report has shown the probe input.
+    /// Fault state after one more report has contained the state of the probe input.
     pub fn after_report(self) -> Self {
         match self {
             ProbeInputFault::BrushedForReports(0..=1) => Self::NoFault,
@@ -155,7 +155,7 @@ impl ActiveJob {
     }
 }
 
-/// How a job of the simulated control has ended.
+/// Result of a finished job.
 pub enum JobResult {
     Moved { has_crashed: bool },
     Probed { contact: Option<LatchedContact>, has_crashed: bool, alarms_on_miss: bool },

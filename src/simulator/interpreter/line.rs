@@ -21,7 +21,7 @@ pub(super) enum NonModalCode {
     ClearG92Offset,
 }
 
-/// The words of one line, sorted.
+/// The words of one line, sorted by purpose.
 #[derive(Debug, Default)]
 pub(super) struct LineWords {
     used_modal_groups: Vec<u8>,

@@ -1,6 +1,6 @@
-//! How a simulated control interprets a line of text and moves the machine: modes, offsets, and one job for
-//! each line. The transport (a serial protocol, registers) belongs to the firmware; the G-code reader of the proof
-//! shares no code with this module.
+//! Interpretation of a line of text by a simulated control, and the motion that follows: modes, offsets, and one job
+//! for each line. The transport (a serial protocol, registers) belongs to the firmware. The G-code reader that checks
+//! programs before execution (`proof`) shares no code with this module.
 
 mod apply_word;
 mod job;
@@ -51,7 +51,7 @@ impl Interpreter {
         &self.axes
     }
 
-    /// Action that `line` requests of a machine at `here`, after all earlier motion.
+    /// Action that `line` requests. `here`: position of the machine after all earlier motion.
     ///
     /// # Errors
     /// Grbl's error code for the line; a line in error does not change the modal state.

@@ -66,7 +66,7 @@ impl ModalState {
             .collect()
     }
 
-    /// Action that `words` request of a control at `here`; a line in error does not change the modal state.
+    /// Action that `words` request with the control at `here`. An erroneous line does not change the modal state.
     pub(super) fn interpret_words(
         &mut self,
         words: &[GcodeWord],

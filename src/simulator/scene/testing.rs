@@ -63,16 +63,16 @@ impl TrueScene {
         inverse.map_or([f64::NAN; 2], |inverse| (-(inverse * origin)).into())
     }
 
-    /// X, Y and Z that bring the stated stylus centre to `stylus`, with the rotary axes at zero; NaN where they
-    /// do not span space.
+    /// X, Y and Z that bring the stated stylus centre to `stylus`, with the rotary axes at zero; NaN if the linear
+    /// axes do not span space.
     fn linear_axes_for_stylus(&self, stylus: Vector3<f64>) -> Vector3<f64> {
         let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.stated_stylus_centre));
         let position = self.chain.solve_linear_axes(target, tool, &Position::new(), &[]);
         position.map_or(Vector3::repeat(f64::NAN), |position| position.xyz_or_zero())
     }
 
-    /// Displacement on the table, in half a turn, of the stylus centre commanded to `stylus`; `shift` of the
-    /// tool against the table.
+    /// Displacement relative to the table, over half a turn, of the stylus centre commanded to `stylus`. `shift`:
+    /// displacement of the tool against the table.
     fn stylus_displacement_in_half_turn(
         &self,
         axis: Axis,

@@ -39,7 +39,7 @@ fn frame_bytes(count: u16, output: SensorOutput) -> [u8; 6] {
     [high, low, first, second, third, status]
 }
 
-/// Frames one after the other, one for each call.
+/// Returns a generator that gives the next frame at each call.
 pub fn frame_source(mut next_sample: SampleSource, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<CanFrame> + Send {
     let mut count = 0_u16;
     move || {

@@ -33,7 +33,7 @@ status = [
 /// When the sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SampleTiming {
-    /// When its registers are read: simulated time stops in between.
+    /// When its registers are read: simulated time does not advance between two reads.
     WhenRead,
     /// At the sensor's rate, in wall time.
     AtFixedRate,

@@ -16,7 +16,7 @@ const NOMINAL_BAUD: u32 = 115_200;
 /// Returns the next sample.
 pub type SampleSource = Box<dyn FnMut() -> SensorOutput + Send>;
 
-/// Address of the sensor, and for a pseudo-terminal the side that keeps it open until its client has opened it.
+/// Address of the sensor; for a pseudo-terminal also its client side, to be kept until a client has opened it.
 pub type ServedSensor = (LinkConfig, Option<SerialStream>);
 
 /// Serves a new pseudo-terminal until its client disconnects.

@@ -194,8 +194,8 @@ impl GrblConnection {
     /// of a motion that was just acknowledged.
     pub(super) async fn wait_idle(&mut self) -> Result<GrblStatus, ControllerError> {
         let mut idle_reports = 0;
-        // No pause before the second request: even a control whose moves take no time may have accepted
-        // the line without having executed it.
+        // No pause before the second request, which is always needed: a control may have accepted the line without
+        // having executed it.
         let mut pause = Duration::ZERO;
         let mut stall_detector = StallDetector::new();
         loop {
@@ -217,7 +217,7 @@ impl GrblConnection {
             if !pause.is_zero() {
                 sleep(pause).await;
             }
-            // Every move ends here: a long pause would cost more than the request.
+            // This wait ends every move: a long pause would cost more time than the request.
             pause = (pause * 2).max(Duration::from_millis(1)).min(self.timeouts.poll_interval / 10);
         }
     }
@@ -295,9 +295,9 @@ impl GrblConnection {
         Ok(())
     }
 
-    /// Processes messages that came without a request. A reset or an alarm ends the job; so does a surplus
-    /// answer, which could be taken for the answer to the next line. The requested status report comes
-    /// after a surplus answer.
+    /// Processes messages that came without a request. A reset or an alarm ends the job; so does a surplus answer,
+    /// which could be taken for the answer to the next line. The status is requested first, because its report comes
+    /// after any surplus answer.
     async fn process_unsolicited_messages(&mut self) -> Result<(), ControllerError> {
         if self.needs_status && !self.halt.is_halt_requested() {
             let status = self.read_status().await?;
@@ -326,7 +326,7 @@ impl GrblConnection {
         Ok(message)
     }
 
-    /// Stores reported overrides. A report carries them rarely: after a change, and from time to time.
+    /// Stores reported overrides. Most reports omit them: they come after a change, and from time to time.
     fn store_overrides(&mut self, message: Option<&GrblMessage>) {
         if let Some(GrblMessage::Status(GrblStatus { overrides: Some(now), .. })) = message {
             self.last_overrides = Some(*now);

@@ -68,8 +68,8 @@ fn reported_axis(
     };
     let has_homing = match firmware.is_classic {
         true => None,
-        // By hand, `$H` sets the zero at the present position of the axis: the owner decides whether that
-        // is confirmed.
+        // With manual homing, `$H` sets the zero at the present position of the axis: the machine file states whether
+        // the operator must confirm the zero.
         false if !axis.is_linear() && homing_method(settings, axis_index) == HomingMethod::Manual => None,
         false => has_homing(settings, axis_index, homed_axes_mask),
     };

@@ -34,8 +34,8 @@ pub struct GrblDriver {
 }
 
 impl GrblDriver {
-    /// Creates a driver for `machine` on `link` that sets `modes`, and the halt that holds the machine.
-    /// After a halt the link accepts no more lines: a new run opens a new link.
+    /// Creates a driver for `machine` on `link` that sets `modes`, and the handle that halts the machine. After a halt
+    /// the link accepts no more lines: a new run opens a new link.
     pub fn new(link: LineLink, machine: &Machine, modes: ProvenModeText) -> (Self, HaltHandle) {
         let (connection, halt) = GrblConnection::new(link);
         let monitor = AxisMonitor::new(machine);

@@ -32,7 +32,7 @@ pub(super) fn foreign_device_error(has_noise: bool, foreign_text: Option<String>
 
 /// Error for a control that answers but executes no motion in its present state.
 pub(super) fn not_ready_error(status: &GrblStatus) -> ControllerError {
-    // A held move continues when it is released: only a reset discards it.
+    // A held move continues when the hold is released: only a reset discards the move.
     let remedy = match status.state.as_str() {
         "Alarm" => {
             "inspect the machine, unlock the control ($X) and home the machine; without homing switches, jog each \

@@ -48,8 +48,8 @@ pub(super) fn homed_axes_mask(offsets: &[GrblMessage]) -> u32 {
     mask.unwrap_or(0)
 }
 
-/// Whether the control homes the axis; `None` if the control does not report it. By hand, `$H` homes all
-/// axes and `$HX` one of them: an axis that is not homed while others are has no homing.
+/// Whether the control homes the axis; `None` if the control does not report it. With manual homing, `$H` homes all
+/// axes and `$HX` only X: an axis that is not homed while others are has no homing.
 pub(super) fn has_homing(settings: &GrblSettings, axis_index: u16, homed_axes_mask: u32) -> Option<bool> {
     let is_homed = homed_axes_mask >> axis_index & 1 == 1;
     match homing_method(settings, axis_index) {
@@ -89,7 +89,7 @@ pub(super) fn travel_limits(
     Some(match (settings.has_bit(22, ZERO_AT_SWITCH_MASK), settings.has_bit(23, 1 << axis_index)) {
         (true, true) => (0.0, travel - pull_off_mm),
         (true, false) => (pull_off_mm - travel, 0.0),
-        // Not the negated value: it would be written to a file as -0.0.
+        // `0.0 - x` instead of `-x`: -0.0 would appear in the machine file.
         (false, _) => (pull_off_mm - travel, 0.0 - pull_off_mm),
     })
 }

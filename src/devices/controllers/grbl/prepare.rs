@@ -38,7 +38,7 @@ impl GrblDriver {
         if !self.mode_text.has_probe_on_command() {
             check_probe(&self.connection.wait_idle().await?)?;
         }
-        // The head writes an offset and switches outputs: a state that prevents a measurement is refused before.
+        // The head writes an offset and switches outputs: unsuitable states are refused before the head is sent.
         let (modes, offsets) = (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
         reject_blocking(readiness::modal_findings(&modes))?;
         reject_blocking(readiness::homed_state_finding(&firmware, &settings, &self.required_homed_axes, &offsets))?;

@@ -10,7 +10,7 @@ use machine::Axis;
 
 /// Mask of `$21`: hard limits are on.
 pub(super) const HARD_LIMITS_MASK: u32 = 1;
-/// Masks of `$22`: homing is on; the switch is at zero; axes without a switch are homed at their present
+/// Masks of `$22`: homing is on; machine zero is at the switch; axes without a switch are homed at their present
 /// position.
 pub(super) const HOMING_ENABLED_MASK: u32 = 1;
 pub(super) const ZERO_AT_SWITCH_MASK: u32 = 1 << 3;

@@ -9,7 +9,7 @@ use super::message::GrblStatus;
 pub struct GrblTimeouts {
     /// Maximum time for the answer to `?`.
     pub reply_timeout: Duration,
-    /// Interval at which a waiting driver checks the link.
+    /// Longest interval between two status requests of a waiting driver.
     pub poll_interval: Duration,
     /// Maximum delay of a message that belongs to the one before it: the number or the banner of an alarm, a status report
     /// after a motion.

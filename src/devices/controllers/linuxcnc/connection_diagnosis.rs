@@ -39,7 +39,7 @@ impl LinuxCncConfig {
         }
     }
 
-    /// Suspected cause: linuxcncrsh listens at its default port on the same computer.
+    /// Possible cause: linuxcncrsh listens at its default port on the same computer.
     async fn diagnose_default_port(&self, address: &LinkAddress, mode: DiagnosisMode) -> Option<PossibleCause> {
         let LinkAddress::Tcp { host, port } = address else { return None };
         let default_address = LinkAddress::Tcp { host: host.clone(), port: DEFAULT_PORT };

@@ -1,4 +1,4 @@
-//! Reason why a program stopped before its end: from the log first, then the switches, then the messages.
+//! Reason why a program stopped before its end: from the log, then emergency stop and power, then messages.
 
 use super::prepare::clear_offset_command;
 use super::result_log::ProgramResult;
@@ -28,7 +28,7 @@ pub(super) async fn stop_reason(
     }
 }
 
-/// Returns why a command was refused: `refusal`, unless a switch explains it.
+/// Returns why a command was refused: emergency stop or machine off, otherwise `refusal`.
 pub(super) async fn refusal_reason(rsh: &mut RshClient, refusal: ControllerError) -> ControllerError {
     match estop_or_off_error(rsh).await {
         Ok(Some(reason)) | Err(reason) => reason,
@@ -44,9 +44,8 @@ async fn reported_reason(rsh: &mut RshClient, step: u32) -> Result<ControllerErr
     Ok(interpret_messages(step, &rsh.read_messages().await?))
 }
 
-/// Converts LinuxCNC's messages to an error. Its interpreter checks its own queue after a probing move or
-/// an input; if its motion is late and has not yet reported an empty queue, the interpreter stops the
-/// program (2.9).
+/// Converts LinuxCNC's messages to an error. After a probing move or an input, LinuxCNC's interpreter requires an empty
+/// motion queue; if the motion task reports the empty queue too late, the interpreter stops the program (2.9).
 fn interpret_messages(step: u32, messages: &[String]) -> ControllerError {
     let has = |words: &str| messages.iter().any(|text| text.contains(words));
     if has("Probe tripped") {

@@ -21,7 +21,7 @@ pub fn result_log_path(directory: &Path) -> String {
 }
 
 impl SharedFiles {
-    /// Checks the path for LinuxCNC, and creates the directory.
+    /// Checks that LinuxCNC can open the path, and creates the directory.
     ///
     /// # Errors
     /// LinuxCNC cannot use the directory's name, or the directory cannot be created.

@@ -1,5 +1,5 @@
-//! Checks whether the kinematics are in identity mode. While all rotary axes are at zero, compensating
-//! kinematics too put each axis where its joint is: there positions alone do not show the mode.
+//! Checks whether the kinematics are in identity mode. While all rotary axes are at zero, compensating kinematics also
+//! put each axis at the position of its joint: the positions then do not show the mode.
 //!
 //! LinuxCNC (2.9) reports the mode on HAL pin `motion.switchkins-type`. The meaning of its numbers depends
 //! on the module, which `[KINS]KINEMATICS` of the INI file names.
@@ -28,8 +28,8 @@ pub(super) enum KinematicsMode {
     SwitchkinsType(f64),
 }
 
-/// Refuses kinematics that compensate the rotary axes, and kinematics whose mode is not known. At `position`
-/// each axis is where its joint is.
+/// Refuses kinematics that compensate the rotary axes, and kinematics whose mode is not known. `position`: present
+/// position, at which each axis is at the position of its joint.
 pub(super) fn check_identity_mode(
     ini: Option<&IniFile>,
     mode: KinematicsMode,
@@ -62,8 +62,8 @@ pub(crate) fn identity_switchkins_type(ini: &IniFile) -> Option<f64> {
     }
 }
 
-/// Whether compensating kinematics would move an axis away from its joint at `position`. With the pivot at
-/// zero they do not if both linear axes across the rotary axis are at zero.
+/// Whether compensating kinematics would move an axis away from its joint at `position`. With the pivot at zero, they
+/// do not while both linear axes perpendicular to the rotary axis are at zero.
 fn is_compensation_visible(position: &Position) -> bool {
     let is_away = |axis| position.get(axis).is_some_and(|at: f64| at.abs() > MIN_OFFSET_SHOWING_COMPENSATION_MM);
     let is_off_centre = |axis| match axis {

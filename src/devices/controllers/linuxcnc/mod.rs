@@ -10,7 +10,7 @@
 //! with another (`program_runner::abort_until_at_rest`).
 //!
 //! **Properties of LinuxCNC 2.9 that the driver relies on**, all measured:
-//! - An acknowledgement is not success, and messages overwrite each other. The result is the content of the
+//! - An acknowledgement does not mean success, and messages overwrite each other. The result is the content of the
 //!   log; a program has ended when the log has `END` *and* the state is IDLE.
 //! - `set open` holds the file's text of that moment until the next run ends. So `prepare` opens the file
 //!   once, by a program that moves nothing; afterwards the file is replaced and run again. After an error
@@ -27,8 +27,8 @@
 //!   progress.
 //! - An emergency stop ends a program without a message, and does not clear the homing.
 //! - The end of a killed linuxcncrsh, or of a killed `trued`, stops nothing: the control finishes its
-//!   present program part (descent, touch, back-off). It is a part of one touch, which guards itself;
-//!   nothing follows it.
+//!   present program part (descent, touch, back-off). A contact stops its probing
+//!   moves, and no further part follows.
 //! - linuxcncrsh reports positions during motion a few times a second at most, and without a time. Scans in
 //!   motion need HAL's `sampler`, which stamps each period of the servo thread (`sampler/`).
 //! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.

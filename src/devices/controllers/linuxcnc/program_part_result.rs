@@ -17,9 +17,9 @@ use planning::gcode::TransmissionUnit;
 const MAX_SETTLING_TIME: Duration = Duration::from_millis(500);
 
 impl LinuxCncDriver {
-    /// Checks, after the program has ended, that the machine has reached the end of the path. If LinuxCNC's
-    /// task is late, its interpreter reads on before a probing move has begun (2.9, issue 3650), and a
-    /// contact in that move shows nowhere else.
+    /// Checks, after the program has ended, that the machine has reached the end of the path. If LinuxCNC's task is
+    /// late, its interpreter reads on before a probing move has begun (2.9, issue 3650): then only the end position
+    /// shows a contact in that move.
     pub(super) async fn check_final_position(
         &mut self,
         step: u32,

@@ -18,25 +18,25 @@ use machine::record::motion::Motion;
 use machine::{Axis, Position};
 use planning::gcode::TransmissionUnit;
 
-/// Polling interval. LinuxCNC's task runs every 5 ms in its own samples.
+/// Polling interval. In LinuxCNC's sample configurations the task runs every 5 ms.
 const POLL_INTERVAL: Duration = Duration::from_millis(4);
-/// A program counts as stopped if it is idle for this time without the log's end, and again after a sign of
-/// life.
+/// A program without the log line `END` counts as stopped if it is idle for this time, and again for this time after a
+/// sign of life.
 const STOP_CONFIRM_TIME: Duration = Duration::from_millis(60);
 /// Time without a change after which a sign of life is requested, and interval of the requests.
 const SIGN_OF_LIFE_INTERVAL: Duration = Duration::from_secs(1);
-/// Maximum time for which a running program on a live task may neither move nor log: after it something
-/// holds the program.
+/// Maximum time for which a running program on a live task may neither move nor log. After it, a feed hold or an
+/// interlock is assumed.
 const MAX_STALL_TIME: Duration = Duration::from_secs(10);
 
 /// Maximum time for the machine to come to rest after a hold, from any speed.
 const MAX_BRAKING_TIME: Duration = Duration::from_secs(5);
-/// Maximum time until the task updates its reported state. `MAX_MOVEMENT_AT_REST_MM_OR_DEG` is the largest change of the feedback
-/// at rest, mm or degrees.
+/// Maximum time until the task updates its reported state.
 const MAX_STATE_UPDATE_TIME: Duration = Duration::from_millis(30);
+/// Largest change of the feedback of an axis at rest, mm or degrees.
 const MAX_MOVEMENT_AT_REST_MM_OR_DEG: f64 = 0.01;
 
-/// Properties of a program by which the runner judges whether it stalls or touches.
+/// Limits by which the runner detects a stall or an unexpected contact of a program.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WatchedProgram<'a> {
     pub step: u32,
@@ -63,7 +63,7 @@ pub(super) fn planned_program_standstill_time(part: &TransmissionUnit) -> Durati
 /// returned even if `halt` came meanwhile.
 ///
 /// # Errors
-/// A contact, if the probe is read; an obstacle that holds the program; a halt; a fault of the link.
+/// A contact during a turn, a stalled program, a halt, a fault of the link.
 pub(super) async fn run_program(
     rsh: &mut RshClient,
     files: &SharedFiles,
@@ -85,7 +85,7 @@ pub(super) async fn run_program(
         let log = files.read_log(step)?;
         match status.as_str() {
             "IDLE" if log.is_complete => return Ok(log),
-            // A measured result is kept, unless the program does not end at once.
+            // A complete log is returned even after a halt, if the program ends within `STOP_CONFIRM_TIME`.
             _ if halt.is_halt_requested()
                 && (!log.is_complete
                     || halted_since.get_or_insert_with(Instant::now).elapsed() > STOP_CONFIRM_TIME) =>
@@ -167,9 +167,9 @@ impl ProgressMonitor {
     }
 }
 
-/// Ensures that the reported state is current. On a slow computer, idle may date from before the program
-/// began, and a message may be outstanding: a task that accepts a command has updated its state. While it
-/// is stopped, it refuses the command.
+/// Ensures that the reported state is current: a task that answers a command has updated its state. On a slow computer,
+/// a reported idle may be older than the start of the program, and a message may be outstanding. A task of a stopped
+/// machine refuses the command, which is an answer too.
 async fn refresh_state(rsh: &mut RshClient) -> Result<(), ControllerError> {
     match request_sign_of_life(rsh).await {
         Err(ControllerError::LineRefused { .. }) => Ok(()),

@@ -18,7 +18,7 @@ pub(super) struct RshClient {
     pub link: LineLink,
     /// Name and version that linuxcncrsh reports.
     pub server_identity: String,
-    /// Halt of the machine. Once it is requested, a lost answer is not waited for.
+    /// Halt of the machine. After a halt request, an answer is awaited for `HALT_REPLY_TIMEOUT` only.
     pub halt_handle: Option<HaltHandle>,
 }
 
@@ -39,7 +39,7 @@ impl RshClient {
         Ok(rsh)
     }
 
-    /// Takes the right to command; the connection that had it loses it.
+    /// Acquires the right to command; the connection that had this right loses it.
     pub async fn acquire_command_right(&mut self) -> Result<(), ControllerError> {
         self.set("enable EMCTOO").await
     }
@@ -56,7 +56,7 @@ impl RshClient {
         Ok(answer)
     }
 
-    /// Sends a `set` that concerns linuxcncrsh alone.
+    /// Sends a `set` that linuxcncrsh executes itself, without the task.
     pub async fn set(&mut self, command: &str) -> Result<(), ControllerError> {
         let line = format!("set {command}");
         let key = command.split_whitespace().next().unwrap_or_default().to_ascii_uppercase();
@@ -95,7 +95,7 @@ impl RshClient {
                     if let Some(rest) = rest {
                         return Ok(rest.trim().to_owned());
                     }
-                    // Words of another connection's line may be mixed into this one (see
+                    // Words of another connection's line may be mixed into this line (see
                     // `program_runner::abort_until_at_rest`).
                     if text.ends_with("NAK") {
                         return Ok("NAK".to_owned());

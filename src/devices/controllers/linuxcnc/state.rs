@@ -40,8 +40,8 @@ fn unsupported_units_error(unit: &str) -> ControllerError {
     ControllerError::not_ready(&state, "use mm or inch and degrees: LINEAR_UNITS and ANGULAR_UNITS of the INI file")
 }
 
-/// Checks that each axis is where its joint is, as switchable kinematics must be in identity mode. A
-/// deviation shows only while rotary axes are away from zero, so the check is repeated.
+/// Checks that each axis is at the position of its joint: switchable kinematics must be in identity mode. A deviation
+/// shows only while rotary axes are away from zero, so the check is repeated.
 pub(super) async fn check_identity_kinematics(rsh: &mut RshClient, axes: &[Axis]) -> Result<(), ControllerError> {
     let values = read_numbers(rsh, "abs_act_pos").await?;
     let joints = read_numbers(rsh, "joint_pos").await?;

@@ -14,8 +14,8 @@ const MAX_REQUEST_ATTEMPTS: usize = 4;
 const CHUNK_CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MODBUS);
 
 impl WindowConnection {
-    /// Writes the chunk and all that belongs to it, and reads each item back. The control does not act
-    /// before the sequence number is written: an unanswered write is repeated.
+    /// Writes the chunk with its length, checksum, a heartbeat and the last acknowledgement, and reads each back. The
+    /// control acts only on the sequence number, which is written later: an unanswered write is repeated.
     pub(super) async fn write_chunk(&self, chunk: &[u8]) -> Result<(), ControllerError> {
         let command = &self.map.command;
         let length = u16::try_from(chunk.len()).unwrap_or(u16::MAX);
@@ -54,9 +54,9 @@ impl WindowConnection {
         self.write_with_retry(at, &words).await
     }
 
-    /// Writes the sequence number: the control acts when it changes. The control accepts each number only
-    /// once, and only the next one, so that a repeated write is no second command. Still, the write is
-    /// repeated only if the control reports that it has accepted nothing and holds no such number.
+    /// Writes the sequence number: the control acts when it changes. The control accepts each number only once, and
+    /// only the next one, so that a repeated write is no second command. Still, the write is repeated only if the
+    /// control has accepted no new number and the sequence register does not contain this number.
     pub(super) async fn write_sequence(&self, sequence: u16) -> Result<(), ControllerError> {
         let (at, words) = self.map.command.sequence.encode_value(sequence).map_err(encoding_error)?;
         let mut attempts_left = MAX_REQUEST_ATTEMPTS;

@@ -88,7 +88,7 @@ impl ModbusConfig {
         vec![wrong_address_diagnosis()]
     }
 
-    /// Finds the registers that change in a status whose heartbeat does not.
+    /// Finds the registers that change in a status whose heartbeat does not change.
     async fn diagnose_heartbeat(&self) -> Vec<PossibleCause> {
         let Ok(modbus) = self.open_read_only().await else { return Vec::new() };
         let Some(before) = read_status_block(&modbus, &self.map).await else { return Vec::new() };

@@ -40,8 +40,8 @@ pub struct ModbusDriver {
 }
 
 impl ModbusDriver {
-    /// Opens the window of `machine`'s control; also returns the halt that holds the machine. Nothing is
-    /// commanded yet. After a halt the link writes nothing more: a new run opens a new link.
+    /// Opens the window of `machine`'s control; also returns the handle that halts the machine. Nothing is commanded
+    /// yet. After a halt the link writes nothing more: a new run opens a new link.
     ///
     /// # Errors
     /// The link cannot be opened, or the register map lacks an axis.
@@ -192,7 +192,7 @@ impl ModbusDriver {
         Ok(status)
     }
 
-    /// Checks that the machine is at its target, by `status`.
+    /// Stores the position of `status`, and checks that the machine is at `target`.
     pub(super) fn check_arrival(
         &mut self,
         status: WindowStatus,

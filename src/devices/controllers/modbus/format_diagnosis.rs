@@ -1,5 +1,5 @@
-//! Reads the same registers with other settings: another word order, type, scale or address. If the values
-//! then make sense, a suspicion names the one setting that would have to be changed.
+//! Reads the same registers with other settings: another word order, type, scale or address. If the values are then
+//! plausible, a suspected cause names the one setting to change.
 
 use super::map::{Register, StatusRegisters, WindowRegisterMap};
 use super::status::WindowStatus;

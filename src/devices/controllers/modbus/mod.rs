@@ -1,5 +1,5 @@
 //! Driver of a control, or of a PLC in front of it, that receives lines of text through a window of Modbus
-//! registers, and reports its state in another. This project defines the window; `docs/line-window.md`
+//! registers, and reports its state in a second window. This project defines the window; `docs/line-window.md`
 //! publishes it. Over RTU and TCP.
 //!
 //! - **A chunk is executed once.** The driver writes it, reads it back, and starts it by writing its
@@ -11,8 +11,8 @@
 //! - **Both sides have a heartbeat.** The control itself stops all motion when the heartbeat of `trued`
 //!   stops; the status of a control whose heartbeat has stopped is not valid.
 //!
-//! **Stop.** A halt writes `hold` before all pending requests, and nothing is written after it. It is not
-//! an emergency stop: it needs the wire and the control's program.
+//! **Stop.** A halt writes `hold` before all pending requests, and nothing is written after it. It is not an emergency
+//! stop: it depends on the link and on the control's program.
 
 mod chunk_write;
 mod config;

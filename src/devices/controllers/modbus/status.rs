@@ -7,7 +7,7 @@ use crate::controllers::ControllerError;
 use link::modbus::number_format::RegisterValueError;
 use machine::{Axis, Position};
 
-/// Version of the window's layout with lines; `PROGRAM_WINDOW_VERSION`: with a resident program.
+/// Version of the window layout for lines; `PROGRAM_WINDOW_VERSION` is that for a resident program.
 pub(super) const LINE_WINDOW_VERSION: u16 = 1;
 pub(super) const PROGRAM_WINDOW_VERSION: u16 = 101;
 
@@ -24,7 +24,7 @@ pub(super) enum WindowState {
 pub(super) struct WindowStatus {
     pub state: WindowState,
     pub alarm_code: u16,
-    /// Last sequence number that the control has checked; `refusal_code` is why it refused it (0: accepted).
+    /// Last sequence number that the control has checked. `refusal_code`: reason of a refusal; 0: accepted.
     pub checked_sequence: u16,
     pub refusal_code: u16,
     /// Last sequence number whose execution is complete.
@@ -45,7 +45,7 @@ pub(super) struct WindowStatus {
     pub result: Option<ProgramRowResult>,
 }
 
-/// Result of a row that a resident program hands over: the status' `latch_count` is its number,
+/// Result of a row that a resident program reports; `latch_count` of the status is the number of the result,
 /// `latched_position` the position of the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ProgramRowResult {
@@ -86,7 +86,7 @@ impl WindowStatus {
             refusal_code: block.read_u16("error", &status.refusal_code)?,
             executed_sequence: block.read_u16("executed", &status.executed_sequence)?,
             is_probe_closed: block.read_u16("probe", &status.probe_closed_flag)? != 0,
-            // The conversion saturates: a value beyond the register's 32 bits is no set of inputs.
+            // The conversion saturates: a value beyond the register's 32 bits is not a valid set of inputs.
             input_bits: block.read_number("inputs", &status.input_bits)? as u32,
             latch_count: block.read_u16("latches", &status.latch_count)?,
             heartbeat: block.read_u16("heartbeat", &status.heartbeat)?,

@@ -40,8 +40,8 @@ impl Default for ModbusTimeouts {
     }
 }
 
-/// Maximum time between two reads that counts as time without a heartbeat: without a read no heartbeat is
-/// seen.
+/// Largest part of the time between two reads that counts as time without a heartbeat: during a longer pause no
+/// heartbeat can be read.
 const MAX_COUNTED_READ_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Detects that the control's heartbeat has stopped; counts across chunks.

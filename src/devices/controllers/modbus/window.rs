@@ -28,7 +28,7 @@ pub(super) struct RunningChunk {
     planned_standstill_time: Duration,
     started_at: Instant,
     stall_detector: StallDetector<(WindowState, Position)>,
-    /// Delay before the next read of the status; `None`: there was none since the start of the chunk.
+    /// Delay before the next read of the status; `None` before the first read for this chunk.
     next_poll_delay: Option<Duration>,
 }
 
@@ -69,8 +69,8 @@ pub(super) struct WindowConnection {
     heartbeat_task: OnceLock<JoinHandle<()>>,
     /// Sequence number of the last chunk that the control has checked, accepted or refused.
     pub(super) checked_sequence: u16,
-    /// Whether that chunk was sent by this driver. The outcome of another one, perhaps held or refused,
-    /// does not matter.
+    /// Whether this driver sent the chunk of `checked_sequence`. The outcome of a chunk from another client or run does
+    /// not matter.
     pub(super) is_checked_chunk_own: bool,
     /// Number of the last result that was read from a resident program.
     pub(super) last_result_number: Option<u16>,
@@ -81,7 +81,7 @@ pub(super) struct WindowConnection {
 }
 
 impl Drop for WindowConnection {
-    /// Stops the heartbeat: the control then stops by itself what still moves.
+    /// Stops the heartbeat of trued: the control then stops all motion.
     fn drop(&mut self) {
         if let Some(heartbeat_task) = self.heartbeat_task.get() {
             heartbeat_task.abort();
@@ -89,7 +89,7 @@ impl Drop for WindowConnection {
     }
 }
 
-/// Sequence number after `sequence`; 0 means that there was none.
+/// Sequence number after `sequence`. It is never 0, which means that no chunk was checked.
 pub(super) fn sequence_after(sequence: u16) -> u16 {
     sequence.checked_add(1).unwrap_or(1)
 }
@@ -102,7 +102,7 @@ pub(super) fn encoding_error(error: RegisterValueError) -> ControllerError {
 }
 
 impl WindowConnection {
-    /// Opens the Modbus line to the control; the returned halt writes `hold`, and nothing is written after it.
+    /// Opens the Modbus line to the control. The returned handle writes `hold`; after that nothing is written.
     pub(super) async fn open(
         device: &ModbusDeviceConfig,
         map: WindowRegisterMap,
@@ -338,8 +338,8 @@ pub(super) fn next_heartbeat(heartbeat: &AtomicU16) -> u16 {
     heartbeat.fetch_add(1, Ordering::SeqCst).wrapping_add(1)
 }
 
-/// Writes heartbeats until the task is aborted, or a hold closes the link. A lost beat is followed by
-/// another.
+/// Writes heartbeats until the task is aborted, or a hold closes the link. A lost heartbeat is not repeated: the next
+/// one follows.
 async fn write_heartbeats(link: Arc<ModbusClient>, map: WindowRegisterMap, own_heartbeat: Arc<AtomicU16>) {
     loop {
         sleep(HEARTBEAT_INTERVAL).await;

@@ -30,7 +30,7 @@ pub(super) struct CanDriver {
     /// Time before which received frames are ignored, s.
     ignored_before_s: f64,
     bus_state: BusState,
-    /// The simulator on which the sensor depends.
+    /// Keeps the simulator alive that sends the frames of the sensor.
     _simulator: Option<Arc<()>>,
 }
 

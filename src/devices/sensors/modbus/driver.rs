@@ -17,7 +17,7 @@ use link::{Clock, SharedPorts};
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 
-/// Number of samples after which the measurement of the rate ends before its time.
+/// Number of samples after which the measurement of the rate ends early.
 const RATE_MEASUREMENT_SAMPLES: usize = 20;
 
 pub struct ModbusSensorDriver {
@@ -28,7 +28,7 @@ pub struct ModbusSensorDriver {
     counter_tracker: CounterTracker,
     /// Detects a value without noise as frozen; `None` if there is a counter, or if the noise is too small.
     frozen_detector: Option<FrozenValueDetector>,
-    /// Samples a second of a simulated sensor whose time advances only when it is read; `None`: a real sensor.
+    /// Sample rate, Hz, of a simulated sensor whose time advances only at a read; `None`: a real sensor.
     simulated_hz: Option<f64>,
     next_read_time: Instant,
 }
@@ -123,7 +123,7 @@ impl ModbusSensorDriver {
     }
 }
 
-/// Whether the error counts as silence: no answer, or an invalid one; a later answer may come.
+/// Whether the answer was missing or invalid, so that the sample is stale; the next request may succeed.
 fn is_transient(error: &SensorError) -> bool {
     use ModbusError::{LineNotCleared, Timeout, UnexpectedReply};
     matches!(error, SensorError::Modbus(Timeout { .. } | UnexpectedReply { .. } | LineNotCleared { .. }))

@@ -35,7 +35,7 @@ pub struct SerialConfig {
     /// Maximum time without data.
     pub(super) silence_timeout: Duration,
     pub(super) sample_request: Option<Vec<u8>>,
-    /// Time between two requests.
+    /// Minimum time between two requests.
     pub(super) min_request_interval: Duration,
     pub(super) format: DataFormat,
 }

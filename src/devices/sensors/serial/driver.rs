@@ -17,7 +17,7 @@ use crate::sensors::{
 use link::{ByteStreamHandle, Clock, SharedPorts, StreamRead};
 use machine::record::sensor;
 
-/// A decoded piece of the stream, in order.
+/// Result of decoding one piece of the stream.
 enum StreamItem {
     Sample(Instant, DecodedSample),
     /// Bytes that could not be decoded.
@@ -36,7 +36,7 @@ pub struct SerialDriver {
     /// Decoded samples, and marks of undecodable bytes, that have not been read yet.
     unread_items: VecDeque<StreamItem>,
     startup_data: StartupData,
-    /// Samples a second of a simulated sensor whose time advances only when it receives a request; `None`: a real
+    /// Sample rate, Hz, of a simulated sensor whose time advances only when it receives a request; `None`: a real
     /// sensor.
     simulated_hz: Option<f64>,
     /// Time before which no request is sent.
@@ -116,7 +116,7 @@ impl SerialDriver {
         let Some(request) = self.config.sample_request.clone() else {
             return self.next_decoded_sample(deadline.unwrap_or_else(|| Instant::now() + timeout)).await;
         };
-        // The shortest wait of a timer is a millisecond.
+        // A timer waits at least a millisecond: it is not used if the time has already passed.
         if Instant::now() < self.next_request_time {
             sleep_until(self.next_request_time).await;
         }

@@ -17,7 +17,7 @@ pub(super) struct LineKeys {
     /// Text at the beginning of each line.
     #[serde(default)]
     prefix: String,
-    /// Text before the end of each line.
+    /// Text at the end of each line, before `end`.
     #[serde(default)]
     suffix: String,
     /// Text between columns; if absent, the text between prefix and suffix is the only column.
@@ -60,7 +60,7 @@ struct LineCounterKeys {
     round: u64,
 }
 
-/// Keys of the count of a rotary encoder, an integer that restarts after `round` counts; without `round` never.
+/// Keys of the count of a rotary encoder: an integer that restarts after `round` counts, or never without `round`.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LineEncoderKeys {

@@ -54,7 +54,7 @@ fn split_lines(layout: &line::LineFormat, buffer: &mut Vec<u8>, is_unsynchronize
         let rest = buffer.split_off(at + layout.line_end.len());
         let ended = std::mem::replace(buffer, rest);
         let line = ended.get(..at).unwrap_or_default().trim_ascii();
-        // An empty line is ignored: some line ends consist of two others.
+        // An empty line is ignored: a line end of two characters can produce an empty line.
         if std::mem::take(is_unsynchronized) || line.is_empty() {
             continue;
         }

@@ -22,7 +22,7 @@ impl ThermometerError {
     /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
-            // The link's own message concerns the machine, whose state is not in doubt here.
+            // The remedy of a lost link concerns the machine; a lost thermometer leaves the machine's state known.
             Self::Modbus(ModbusError::ConnectionLost { .. } | ModbusError::LinkThreadEnded { .. })
             | Self::NoReplyYet => "check the thermometer's power and cable".to_owned(),
             Self::Modbus(error) => {

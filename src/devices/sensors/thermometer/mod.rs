@@ -1,5 +1,5 @@
 //! Thermometers whose temperatures are stored with each reading. They are polled in parallel with the run, which never
-//! waits for them. The last value of a thermometer that is disconnected, or reports an implausible one, expires.
+//! waits for them. If a thermometer is disconnected or reports an implausible value, its last value expires.
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Polls the thermometers and keeps their last values, which a reading takes without waiting.
+//! Polls the thermometers and keeps their last values, so that a reading does not wait for them.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -19,7 +19,7 @@ const POLLS_PER_MAX_AGE: u32 = 4;
 /// Shortest and longest interval between two polls of a device.
 const POLL_INTERVAL_LIMITS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
-/// Thermometers that are polled until this is dropped.
+/// Polls thermometers until the poller is dropped.
 pub struct ThermometerPoller {
     thermometers: Vec<PolledThermometer>,
     /// Dropping the senders ends the polling tasks, each after the request that is running.
@@ -34,7 +34,7 @@ struct PolledThermometer {
 enum TemperatureSource {
     /// Last value, and the age up to which it is valid.
     Polled(Arc<Mutex<LastTemperature>>, Duration),
-    /// Simulated time does not advance during the read.
+    /// Simulated temperature, computed at the read: simulated time does not advance meanwhile.
     Simulated(Option<SimulatedTemperatureSource>),
 }
 

@@ -1,4 +1,4 @@
-//! Faults of the simulated control, `[[simulated.fault]]`, to practise against.
+//! Faults of the simulated control, `[[simulated.fault]]`, for tests and training.
 
 use std::sync::PoisonError;
 
@@ -12,7 +12,7 @@ const DEFAULT_ALARM_CODE: u8 = 3;
 /// Grbl's error code for settings that were lost and replaced by defaults.
 const ERROR_SETTINGS_LOST: u8 = 7;
 
-/// One fault. It occurs once, at the first suitable line after both conditions hold.
+/// One fault. It occurs once, at the first line at which both conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
@@ -20,7 +20,7 @@ pub struct Fault {
     /// Earliest line, counted from 1 in the order of reception.
     #[serde(default)]
     pub at_line: u64,
-    /// Number of contacts before which the fault does not occur.
+    /// Minimum number of contacts before the fault occurs.
     #[serde(default)]
     pub after_touch: u64,
     /// Code of an alarm or an error; `None`: the default code of the kind.
@@ -76,7 +76,7 @@ pub(super) enum AnswerCount {
 }
 
 impl Firmware {
-    /// Executes `line`, unless a fault is due.
+    /// Executes `line`, with the fault that is due, if any.
     pub(super) fn execute_line_or_fault(&mut self, line: &str) {
         self.received_line_count += 1;
         let (lines, touches) = (self.received_line_count, self.contact_count);
@@ -92,7 +92,7 @@ impl Firmware {
 
     fn apply_fault(&mut self, fault: &Fault, line: &str) {
         use FaultKind as K;
-        // These faults wait for their move, their answer, or a machine that can be held.
+        // These faults are recorded later, at the move, the answer or the hold that they affect.
         let is_recorded_later = matches!(
             fault.kind,
             K::LostAnswer | K::DoubleOk | K::ForeignBody | K::RapidContact | K::PersonHolds | K::Door

@@ -2,7 +2,7 @@
 //! is the peer of the driver and shares no code with it.
 //!
 //! One extension, switched by [`SimulatedGrblOptions::has_time_stamps`]: the status report carries `|Time:<seconds>`,
-//! the simulated time, and a contact is followed by `[TIME:<seconds>]`, the time of its trigger.
+//! the simulated time, and a contact is followed by `[TIME:<seconds>]`, the time at which it was latched.
 
 mod fault;
 mod job;
@@ -66,7 +66,7 @@ pub struct SimulatedGrblOptions {
 }
 
 impl SimulatedGrblOptions {
-    /// Options for the control of `machine`: native level, time stamps enabled.
+    /// Options for the control of `machine`: compatibility level 0, time stamps enabled.
     pub fn for_machine(machine: &Machine, pace: SimulationPace) -> Self {
         let (interpreter, settings) = (Interpreter::for_machine(machine), settings::machine_settings(machine));
         Self {
@@ -122,7 +122,7 @@ pub struct Firmware {
     is_door_open: bool,
     /// Host time at which the control started.
     start_instant: Instant,
-    /// Time of the last event since the start.
+    /// Time of the last event, counted from the start of the control.
     time_since_start: Duration,
 }
 
@@ -178,7 +178,7 @@ impl Firmware {
         }
     }
 
-    /// Does all work that is due at `now`. Returns the time of the next call; `None`: only new input causes work.
+    /// Does all work that is due at `now`. Returns the time of the next work; `None`: no work without new input.
     fn advance_and_return_wake_time(&mut self, now: Duration) -> Option<Duration> {
         self.time_since_start = now;
         loop {
@@ -254,7 +254,7 @@ impl Firmware {
         Ok(waits)
     }
 
-    /// Soft limit. While idle: an alarm, and the line is answered. While moving: no answer until a reset.
+    /// Raises a soft-limit alarm. Idle: the line is answered. Moving: no answer until a reset; returns `true`.
     fn raise_soft_limit_alarm(&mut self) -> bool {
         let moving = self.is_moving();
         self.hold();

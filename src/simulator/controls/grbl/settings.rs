@@ -1,5 +1,5 @@
-//! Stored `$` settings of the simulated control, derived from its machine. Numbers and meanings are grblHAL's
-//! (`settings.h`), the homing direction that of its `machine_limits.c`.
+//! Stored `$` settings of the simulated control, derived from its machine. Numbers and meanings are those of grblHAL's
+//! `settings.h`; the homing direction is that of its `machine_limits.c`.
 
 use std::collections::BTreeMap;
 

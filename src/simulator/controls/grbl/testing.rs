@@ -21,8 +21,8 @@ pub fn five_axis_machine() -> Machine {
     .unwrap()
 }
 
-/// An errorless world: a part of radius 25 mm about the C axis, from Z -200 to -100 mm, and a ball of radius 3
-/// mm, so that contact is at 28 mm from the axis. The machine is at zero.
+/// A world without errors: a part of radius 25 mm about the C axis, from Z -200 to -100 mm, and a stylus ball of radius
+/// 3 mm, so that contact is at 28 mm from the axis. The machine is at zero.
 pub fn world_with_round_part() -> Arc<Mutex<SimulatedWorld>> {
     let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
     let artefact: Artefact = serde_json::from_value(json!({

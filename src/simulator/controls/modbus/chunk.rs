@@ -34,7 +34,7 @@ impl Firmware {
         }
     }
 
-    /// Accepts lines to execute, or a table; returns the text for the diary.
+    /// Accepts lines to execute, or a table; returns the text for the event log.
     fn accept_chunk(&mut self, sequence: u16, bytes: Vec<u8>) -> Result<String, u16> {
         if self.resident_program.is_some() {
             return self.start_program(sequence, &register_words(&bytes));
@@ -44,7 +44,7 @@ impl Firmware {
         Ok(text)
     }
 
-    /// Bytes of the chunk, if it may be accepted.
+    /// Bytes of the chunk, or the error code for which it is refused.
     fn acceptable_chunk_bytes(&self, checked_before: u16) -> Result<Vec<u8>, u16> {
         if self.operating_state != OperatingState::Ready || self.is_moving() {
             return Err(ERROR_BUSY);

@@ -1,4 +1,4 @@
-//! Faults of the simulated control or of its wire, `[[simulated.fault]]`, to practise against.
+//! Faults of the simulated control or of its wire, `[[simulated.fault]]`, for tests and training.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ const MAX_FULLY_WRITTEN_REGISTERS: usize = 8;
 /// First register of the latched position.
 const FIRST_LATCH_REGISTER: usize = 20;
 
-/// One fault. It occurs once, at the first request after all conditions hold.
+/// One fault. It occurs once, at the first request that it can affect after all conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
@@ -31,10 +31,10 @@ pub struct Fault {
     /// Earliest request, counted in the order of arrival.
     #[serde(default)]
     pub at_request: u64,
-    /// Number of accepted chunks before which the fault does not occur.
+    /// Minimum number of accepted chunks before the fault occurs.
     #[serde(default)]
     pub at_line: u64,
-    /// Number of contacts before which the fault does not occur.
+    /// Minimum number of contacts before the fault occurs.
     #[serde(default)]
     pub after_touch: u64,
     /// Code of an alarm or an exception; `None`: the default code of the kind.
@@ -89,7 +89,7 @@ pub enum FaultKind {
     ForeignBody,
     /// The stylus is brushed during the next rapid: the probe reads closed for a while.
     RapidContact,
-    /// From now on a contact is latched in the scan cycle of a PLC, so the latched position is too far.
+    /// From now on a PLC latches a contact only in its next scan, so the latched position lies beyond the contact.
     #[serde(rename = "slow-latch")]
     LatchByScan,
     /// A write of many registers is confirmed, but only its first half is kept.
@@ -280,7 +280,7 @@ impl Firmware {
         Ok(Response::WriteMultipleRegisters(*at, count))
     }
 
-    /// Status whose registers from the latch on are those of the previous status.
+    /// Replies with a status block whose registers from the latched position on are those of the previous block.
     fn reply_with_torn_status(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let before = self.previous_status_block.clone();
         match self.execute_and_advance(request) {

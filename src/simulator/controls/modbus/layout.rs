@@ -1,4 +1,4 @@
-//! Register addresses, as published.
+//! Register addresses, as published in `docs/line-window.md` and `docs/resident-program.md`.
 
 use machine::{Axis, Position};
 

@@ -2,7 +2,7 @@
 //! program, against a [`SimulatedWorld`]. It is the peer of the driver and shares no code with it; its register
 //! addresses come from `docs/line-window.md` and `docs/resident-program.md` alone.
 //!
-//! Its state advances on requests: each request first brings it up to the time of its arrival.
+//! The state of the control advances only at requests, to the time at which the request arrives.
 
 mod chunk;
 mod fault;
@@ -57,7 +57,7 @@ impl SimulatedModbusOptions {
     }
 }
 
-/// One entry of the diary of the control.
+/// One entry of the event log of the control.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ControlEvent {
     /// A chunk was accepted; `text` describes its lines or the rows of its table.
@@ -119,7 +119,7 @@ pub struct Firmware {
     contact_count: u64,
     /// Whether the current status shows the previous result.
     shows_previous_result: bool,
-    /// Status of a frozen control, which accepts nothing.
+    /// Status block of a control whose program has stopped; the control accepts no chunk.
     frozen_status_block: Option<Vec<u16>>,
     /// Value of a heartbeat that has stopped.
     frozen_heartbeat_value: Option<u16>,

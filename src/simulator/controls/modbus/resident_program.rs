@@ -42,7 +42,7 @@ struct TableRow {
     feed_seconds_or_degrees: f64,
 }
 
-/// A result that is handed to the client.
+/// A result that the client can read, and must acknowledge before the next touch.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ResultSlot {
     pub result_number: u16,

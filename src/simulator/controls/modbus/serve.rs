@@ -74,12 +74,12 @@ pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<
     tcp::Server::new(listener).serve(&connected, |_| {}).await
 }
 
-/// The stream, with a switch that cuts it.
+/// A stream that forwards `stream` until `cut_signal` is notified.
 fn cuttable_stream(mut stream: TcpStream, cut_signal: Arc<Notify>) -> DuplexStream {
     let (mut near, far) = duplex(WIRE_BUFFER_BYTES);
     tokio::spawn(async move {
         let cut = cut_signal.notified();
-        // After a cut or at its end, both streams are closed.
+        // After a cut, or when one of the streams ends, both are closed.
         tokio::select! {
             () = cut => {}
             _ = copy_bidirectional(&mut stream, &mut near) => {}

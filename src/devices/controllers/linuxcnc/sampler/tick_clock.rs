@@ -7,11 +7,11 @@ use std::collections::VecDeque;
 
 /// Width of the bins into which ticks are grouped, s.
 const BIN_WIDTH_S: f64 = 0.25;
-/// Number of bins before and after a tick's own that determine its time: meanwhile the clocks of two
-/// computers that differ by 20 in a million diverge by less than 0.1 ms.
+/// Number of bins on each side of a tick's own bin that determine its time: within them, two clocks whose rates differ
+/// by 20 ppm diverge by less than 0.1 ms.
 const NEIGHBOUR_BINS_PER_SIDE: i64 = 20;
-/// Largest excess of a bin's least delay over that of its neighbours, s. A later bin is not trusted: either
-/// the counting or only the transmission was interrupted.
+/// Largest excess of a bin's least delay over that of its neighbours, s. A bin with a larger excess is not used: the
+/// counting or the transmission was interrupted.
 const MAX_EXCESS_BIN_DELAY_S: f64 = 0.02;
 /// Maximum number of bins that are kept: half an hour.
 const MAX_BINS: usize = 8192;

@@ -103,7 +103,7 @@ impl TickRecord {
     }
 
     /// Returns the positions kept since [`Self::start_recording`], with the times that are known now; `None` if there
-    /// were too many.
+    /// were too many positions.
     pub fn finish_recording(&mut self, mm_per_unit: f64) -> Option<AxisTrack> {
         let block_ticks = self.block_ticks.take().unwrap_or_default();
         let mut track = AxisTrack::new(self.axes.clone());

@@ -41,8 +41,8 @@ pub(super) fn check_map(map: &WindowRegisterMap) -> Result<(), String> {
     check_overlaps(command.chain(status).collect())
 }
 
-/// Checks that one request writes a line and all that belongs to it. Then a late request of the line before
-/// cannot leave values next to those of the next line.
+/// Checks that one request writes a line with its acknowledgement, checksum and length: then a late request for the
+/// previous line cannot mix its values with those of the next line.
 fn check_one_request_writes_line(map: &WindowRegisterMap) -> Result<(), String> {
     const LINE_REQUEST_ITEMS: [&str; 4] = ["acknowledge", "crc", "length", "chunk"];
     let mut spans = map.command.register_names_addresses_and_counts();
@@ -54,7 +54,7 @@ fn check_one_request_writes_line(map: &WindowRegisterMap) -> Result<(), String> 
     };
     let registers: usize = spans.iter().map(|(.., count)| usize::from(*count)).sum();
     let is_chunk_last = spans.last().is_some_and(|(name, ..)| *name == "chunk");
-    // The heartbeat may be directly before them, and is then written in the same request.
+    // The heartbeat register may directly precede these items; the same request then writes it.
     if is_chunk_last && spans.windows(2).all(is_adjacent) && registers < MAX_WRITE_REGISTERS {
         return Ok(());
     }

@@ -70,7 +70,7 @@ pub(super) struct StatusRegisters {
     pub result: Option<ResultRegisters>,
 }
 
-/// Further registers of a resident program: the row that it executes, and the result that it hands over.
+/// Further registers of a resident program: the row that the program executes, and the result that it reports.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ResultRegisters {
     pub active_row_number: Register,

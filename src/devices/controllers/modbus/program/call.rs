@@ -39,8 +39,8 @@ enum ResultFreshness {
 }
 
 impl ModbusDriver {
-    /// Discards an old result before the first call: a result that an ended run has not read belongs to no
-    /// call.
+    /// Discards an old result before the first call: a result that was not read in an earlier run belongs to no call of
+    /// this run.
     pub(in crate::controllers::modbus) async fn clear_results(
         &mut self,
         status: &WindowStatus,

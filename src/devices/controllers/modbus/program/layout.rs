@@ -77,7 +77,7 @@ pub(super) struct ProgramCall<'a> {
 pub(super) struct ParameterLayout {
     /// Registers of [`PARAMETER_NAMES`].
     parameters: [Register; PARAMETER_NAMES.len()],
-    /// First register of the table, from the chunk's first; registers of a row; maximum number of rows (`max_rows`).
+    /// First register of the table, counted from the chunk's first register.
     table_offset: u16,
     registers_per_row: u16,
     max_rows: u16,

@@ -26,8 +26,8 @@ pub(super) struct ProgramRow {
     pub target: Position,
     /// Feed in mm/min, duration of a dwell in s, orientation of the spindle in degrees; 0 for a rapid.
     pub feed_dwell_or_angle: f64,
-    /// Whether the move should touch nothing: a contact during it is a fault. `false` for a
-    /// back-off: it begins in contact.
+    /// Whether a contact during the move is a fault: `true` for rapid and feed moves. A guarded move reports its own
+    /// contact; a back-off begins in contact.
     pub is_free_move: bool,
 }
 
