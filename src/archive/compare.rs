@@ -124,7 +124,7 @@ fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
             == (&b.method, &b.machine, &b.settings, &b.probe, &b.artefact)
 }
 
-/// Largest coverage factor of the parameters, as in the report: functions state u alone.
+/// Largest coverage factor of the parameters, as in the report: a function has no coverage factor of its own.
 fn largest_coverage_factor(estimates: [&Estimate; 2]) -> f64 {
     let parameters = estimates.into_iter().flat_map(|estimate| &estimate.parameters);
     let finite = parameters.filter(|p| p.identifiable && p.k.is_finite());

@@ -31,7 +31,7 @@ pub struct ParameterSeries {
     pub method: String,
     pub symbol: String,
     pub unit: Unit,
-    /// Maximum magnitude of the value, by the present machine file; `None`: it states no limit.
+    /// Limit of |value| in the present machine file; `None`: the machine file states no limit.
     pub tolerance: Option<f64>,
     pub values: Vec<RunParameter>,
     pub trend: Trend,
@@ -148,7 +148,7 @@ fn thermometer_series(values: &[RunParameter], unix_s: impl Fn(Timestamp) -> f64
     names.into_iter().map(of).collect()
 }
 
-/// Values at the times at which they can have been measured, see [`Trend::from_points`].
+/// Values in the order of measurement, with wrong clock times replaced; see [`Trend::from_points`].
 fn values_with_monotonic_times(series: &ParameterSeries) -> Vec<RunParameter> {
     let at = |point: &TrendPoint| {
         Timestamp::from_duration(SignedDuration::from_secs_f64(point.measurement_time_s)).unwrap_or_default()

@@ -99,15 +99,15 @@ pub fn may_have_lost_position(stored: &StoredRun) -> bool {
 pub fn is_abandoned(stored: &StoredRun) -> bool {
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
         RunEvent::Acknowledged { leaves, .. } => Some(*leaves),
-        // Messages, and the later removal of samples.
+        // These events do not change whether the run is abandoned.
         RunEvent::Announced { .. } | RunEvent::SamplesRemoved { .. } => None,
         _ => Some(false),
     });
     last.unwrap_or(false)
 }
 
-/// Command that resumes a stopped run, or the reason why it cannot be resumed. `can_resume`: its references
-/// were measured.
+/// Command that resumes a stopped run, or the reason why it cannot be resumed. `can_resume`: the references of the
+/// run were measured.
 pub fn resume_hint(run: RunId, can_resume: bool, position_lost: bool) -> String {
     match (can_resume, position_lost) {
         (true, true) => format!(

@@ -61,7 +61,7 @@ impl RunCapture<'_> {
         LinkMode::Captured(self.capture.clone())
     }
 
-    /// Renames the capture after the run, which now has its number.
+    /// Renames the capture file to the number of the run, which is known now.
     pub(super) fn name_after_run(&self, run: RunId) {
         let (from, to) = (&self.file, self.capture_files.path_for(&run.to_string()));
         if let Err(error) = rename_without_overwrite(from, &to) {
@@ -73,7 +73,7 @@ impl RunCapture<'_> {
         }
     }
 
-    /// Completes the capture after the run, whatever its outcome.
+    /// Completes the capture file after the run, also after a failed run.
     pub(super) fn finish(self) {
         if let Err(error) = self.capture.finish() {
             self.log.error(&format!("the capture file is incomplete: {error}"));

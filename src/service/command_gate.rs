@@ -57,7 +57,7 @@ pub struct CommandGate {
 }
 
 impl CommandGate {
-    /// The receiver gets the accepted commands.
+    /// The returned receiver receives the accepted commands.
     pub fn new(config: &ServeConfig, log: Log) -> (Self, mpsc::Receiver<WorkerCommand>) {
         let (command_sender, command_receiver) = mpsc::channel(8);
         let inner = CommandGateState {
@@ -126,7 +126,7 @@ impl CommandGate {
         self.check_start_conditions(&self.lock_state(), cycle, interlocks)
     }
 
-    /// Starts `cycle` on behalf of a trigger. From an accepted start on, the service is running.
+    /// Starts `cycle` on behalf of a trigger. After an accepted start, the service state is `Running`.
     ///
     /// # Errors
     /// The reason of the refusal; it is also in the machine state and in the log.
@@ -145,8 +145,8 @@ impl CommandGate {
         Ok(())
     }
 
-    /// Resumes the held run on behalf of a person. From an accepted command on, the service is running.
-    /// `interlocks`: the state that the machine or a person reports.
+    /// Resumes the held run on behalf of a person. After an accepted command, the service state is `Running`.
+    /// `interlocks`: state of the inputs that the machine or a person reports.
     ///
     /// # Errors
     /// The machine is not held, or the service is busy; the refusal is also in the machine state and in the log.
@@ -168,7 +168,7 @@ impl CommandGate {
         let mut inner = self.send_command(inner, judged, command, &what)?;
         inner.is_hold_requested = false;
         let cycle = inner.machine_state.cycle;
-        // The run itself determines how much is done already.
+        // The rehearsed time of the whole cycle does not apply to the rest of a run.
         inner.machine_state.begin_cycle(cycle, None);
         inner.machine_state.run = u32::try_from(run.0).unwrap_or(u32::MAX);
         drop(inner);
@@ -331,7 +331,7 @@ impl CommandGate {
         self.lock_state().machine_state.state == ServiceState::Ending
     }
 
-    /// Registers the halt handle of the run, whose devices are open now. A stop that came earlier takes effect here.
+    /// Registers the halt handle of the run, whose devices are open now. A hold requested earlier takes effect here.
     pub(super) fn register_halt_handle(&self, halt: &HaltHandle) {
         let mut inner = self.lock_state();
         inner.halt_handle = Some(halt.clone());

@@ -13,7 +13,7 @@ use link::{HostPort, LinkConfig, LinkKeys};
 /// Highest cycle number; the lowest is 1. The Modbus map has one start coil for each cycle.
 pub const MAX_CYCLES: u16 = 8;
 
-/// A condition that the machine itself must report before a cycle starts from outside.
+/// A condition that the machine must report before an external start of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StartInterlock {
@@ -69,7 +69,7 @@ pub struct HttpConfig {
     pub listen: SocketAddr,
     /// Host names under which a proxy on this computer receives requests, with the port unless it is the default.
     pub proxy_names: Vec<String>,
-    /// Whether every client must present its own token.
+    /// Whether every client must present a token.
     pub requires_tokens: bool,
 }
 
@@ -78,7 +78,7 @@ impl TryFrom<HttpKeys> for HttpConfig {
 
     fn try_from(HttpKeys { listen, names, tokens }: HttpKeys) -> Result<Self, String> {
         if !names.is_empty() && !tokens {
-            return Err("`names` gives access from other computers, where any client may start a cycle: set \
+            return Err("`names` permits access from other computers, where any client may start a cycle: set \
                         `tokens = true`, and create a token for each client with `trued token add`"
                 .to_owned());
         }

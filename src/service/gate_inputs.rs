@@ -1,5 +1,5 @@
-//! Inputs of the gate beside the commands: progress of the worker, reports that the machine is ready, and requests that
-//! a cycle is due.
+//! Inputs of the gate other than commands: progress of the worker, readiness reports of the machine, and requests to
+//! start a due cycle.
 
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
@@ -14,7 +14,7 @@ use super::not_started::NotStartedReason;
 use super::schedule_state::{Readiness, StartDueCycleRequest};
 
 impl CommandGate {
-    /// Sets why the register of artefacts permits no run; `None`: it permits runs. Returns whether that is new.
+    /// Sets the reason why the artefact register permits no run (`None`: it permits runs). Returns whether it changed.
     pub(super) fn set_artefact_failure(&self, failure: Option<String>) -> bool {
         let mut inner = self.lock_state();
         let is_new = inner.artefact_failure != failure;
@@ -67,7 +67,7 @@ impl CommandGate {
         self.lock_state().due_request_sender = Some(start_request_sender);
     }
 
-    /// Tells the scheduler on behalf of `who` to start `cycle`, which is due now. `None`: the scheduler is not running.
+    /// Requests, on behalf of `who`, that the scheduler starts `cycle` now. `None`: the scheduler is not running.
     pub fn start_due_cycle(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), NotStartedReason>>> {
         let (result_sender, result_receiver) = oneshot::channel();
         let start_request_sender = self.lock_state().due_request_sender.clone()?;

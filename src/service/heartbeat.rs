@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-/// Newest heartbeat of a machine's worker: each beat states the maximum time until the next one. Only progress of the
-/// work itself beats, so that hung work is detected.
+/// Newest heartbeat of a machine's worker: each beat states the maximum time until the next beat. Only progress of the
+/// work causes a beat, so that hung work is detected.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Heartbeat {
     beat_time: Instant,

@@ -76,7 +76,7 @@ impl MachineWorker {
 
     /// The lock is acquired first: only then is a run whose process has died marked as interrupted.
     async fn reload_run_state(&mut self, journal: &Journal) {
-        // Another process has acquired the lock meanwhile: the next call detects that.
+        // If another process has acquired the lock meanwhile, the next call detects it.
         let Ok(lock) = self.acquire_lock(journal).await else { return };
         match unfinished_run(journal, self.machine_name()) {
             Ok(None) => {

@@ -1,5 +1,5 @@
-//! Destination of the daemon's log. Under systemd it is the journal, with machine, run and step as fields
-//! (`TRUED_RUN=17`); otherwise plain lines on standard error.
+//! Destination of the daemon's log. Under systemd: the systemd journal, with machine, run and step as fields
+//! (`TRUED_RUN=17`). Otherwise: plain lines on standard error.
 
 use std::fmt::{Debug, Write as _};
 use std::fs::File;

@@ -13,7 +13,7 @@ use crate::store::NewestMeasuredRuns;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::watched_sensors::LiveValues;
 
-/// What the service does with the machine at the moment.
+/// State of the service for one machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum ServiceState {
     #[default]
@@ -41,7 +41,7 @@ impl ServiceState {
         }
     }
 
-    /// Only a machine that waits accepts a start, or new values of its control.
+    /// Checks that the machine waits: otherwise neither a start nor new values of its control are accepted.
     pub(super) fn check_waiting(self) -> Result<(), Refusal> {
         match self {
             Self::Waiting => Ok(()),
@@ -170,11 +170,11 @@ pub struct PlannedSchedule {
 pub struct MachineState {
     pub state: ServiceState,
     pub progress_percent: u16,
-    /// Verdict of the last completed cycle; `None` before the first.
+    /// Verdict of the cycle in `cycle`; `None` until this cycle is completed.
     pub verdict: Option<Verdict>,
     /// Number of the cycle that is running or ran last; 0 before the first.
     pub cycle: u16,
-    /// Number of the run of this cycle; 0 until it has one.
+    /// Number of the run of this cycle; 0 until the cycle has a run.
     pub run: u32,
     /// Number of accepted starts; wraps around, as does `refusal_count`, the number of refusals.
     pub accepted_start_count: u16,
@@ -186,13 +186,13 @@ pub struct MachineState {
     /// Current stage and step of the run; empty while no run is in progress.
     pub stage_name: String,
     pub step_label: String,
-    /// Remaining machine time, s: from the plan until the run reports it; `None` where it is unknown.
+    /// Remaining machine time, s: the planned time, then as the run reports it; `None` if unknown.
     pub remaining_s: Option<f64>,
-    /// Number of touches and scans in the journal.
+    /// Number of touches and scans of the run that are in the journal.
     pub measured_step_count: u32,
     /// While the machine is held: whether another process holds its lock and may move it.
     pub is_locked_by_other_process: bool,
-    /// Why the last cycle was not completed, and the remedy; `None` once that is resolved.
+    /// Why the last cycle was not completed, and the remedy; `None` once the failure is resolved.
     pub failure: Option<RunFailure>,
     /// Open prompt; the machine does not move before a person answers it.
     pub open_prompt: Option<OpenPrompt>,
@@ -263,7 +263,7 @@ pub(super) struct CycleEnd<'a> {
     pub state: ServiceState,
     pub estimate: Option<&'a Estimate>,
     pub failure: Option<RunFailure>,
-    /// `None`: the run is counted when it is identified.
+    /// `None`: the outcome is counted later, when the run is identified.
     pub outcome: Option<CycleOutcome>,
     /// Whether a failure of a link ended the cycle.
     pub ended_by_link_error: bool,

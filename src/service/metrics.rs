@@ -75,7 +75,7 @@ impl Metrics {
         move |took: Duration| histogram.observe(took.as_secs_f64())
     }
 
-    /// Sets the metrics of `machine`. Those of all outcomes, readings and link errors exist from the start.
+    /// Sets the metrics of `machine`. The series of outcomes, readings and link errors exist from the start.
     pub fn update_machine(&self, machine: &str, machine_state: &MachineState, progress_age: Duration) {
         let MachineState { state: now, counters, .. } = machine_state;
         let name = || ("machine", Cow::from(machine.to_owned()));

@@ -1,9 +1,9 @@
 //! `trued serve`. Each machine has a worker on its own thread: it holds the machine's lock, waits for a trigger,
 //! runs a cycle, stores the verdict, and waits again. All machines share one journal and one page.
 //!
-//! [`command_gate`] decides what may start a cycle; `http`, [`schedule`] and [`triggers`] are the ways to start
-//! one. A cycle that ends with the machine held releases the machine's lock, so that a person can resume the run.
-//! No cycle starts until a person has acknowledged.
+//! [`command_gate`] decides whether a cycle may start; `http`, [`schedule`] and [`triggers`] request starts. A cycle
+//! that ends with the machine held releases the machine's lock, so that a person can resume the run. No cycle starts
+//! until a person has acknowledged the held state.
 
 mod artefact_condition;
 mod captures;

@@ -57,7 +57,7 @@ impl BaseUnit {
         }
     }
 
-    /// Base unit of `unit`, and the number of `unit` in it: 1e6 µm are 1 m.
+    /// Base unit of `unit`, and the number of `unit` in one base unit: 1e6 µm are 1 m.
     fn of(unit: Unit) -> (Self, f64) {
         match unit {
             Unit::Um => (Self::Meters, 1e6),

@@ -1,4 +1,4 @@
-//! Resume of a run by a person at the web page.
+//! Resume of a run by the machine's worker, requested by a person at the web page.
 
 use std::collections::BTreeSet;
 

@@ -70,7 +70,7 @@ pub(super) fn start_retention(
     spawn_thread("retention", move || std::iter::repeat_with(remove_when_idle).for_each(drop))
 }
 
-/// Removes the samples and captures of one run after the other. When a cycle begins, it stops; the next call continues.
+/// Removes the samples and captures of old runs. When a cycle begins, the removal stops; the next call continues it.
 fn remove_expired_samples(
     RetentionConfig { keep_samples_days: keep_days }: RetentionConfig,
     journal: &Journal,

@@ -16,7 +16,7 @@ pub(super) struct RunEventPublisher<'a> {
     log: &'a Log,
     /// Maximum time between two events; after that, the run counts as hung.
     max_event_interval: Duration,
-    /// Longest machine time left that the run has stated, s.
+    /// Longest remaining machine time that the run has reported, s.
     max_remaining_s: f64,
     /// Progress, %; it decreases only if the remaining time exceeds `max_remaining_s`.
     progress_percent: u16,

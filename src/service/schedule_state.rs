@@ -52,7 +52,7 @@ pub struct Agenda {
     pub last: Vec<ScheduleSlot>,
 }
 
-/// Collects what the web page and the HTTP API show of a schedule.
+/// Collects the schedule data that the web page and the HTTP API show.
 ///
 /// # Errors
 /// The journal cannot be read.
@@ -100,8 +100,8 @@ pub fn new_arming(
     Ok(Arming { machine, cycle, who, why, armed: now, until, ended: None, broken: None })
 }
 
-/// Command to start `cycle` now, because a client reports it as due. The result: the cycle starts, or the reason why
-/// not.
+/// Command to start `cycle` now, because a client reports that the cycle is due. Result: `Ok` if the cycle starts,
+/// otherwise the reason why it does not start.
 pub struct StartDueCycleRequest {
     pub cycle: u16,
     pub who: String,

@@ -30,10 +30,10 @@ use machine::record::event::RunEvent;
 
 /// Time between two heartbeats while the worker waits.
 const IDLE_POLL_PERIOD: Duration = Duration::from_secs(1);
-/// Maximum time between two heartbeats while the worker waits; after that, it counts as hung.
+/// Maximum time between two heartbeats while the worker waits; after that, the worker counts as hung.
 const MAX_IDLE_HEARTBEAT_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Executes the accepted commands of one machine, one at a time, on the machine's thread; holds its lock between runs.
+/// Executes the accepted commands of one machine, one at a time, on its own thread; holds the machine's lock when idle.
 pub(super) struct MachineWorker {
     pub(super) machine_file: MachineFile,
     config: ServeConfig,
@@ -103,7 +103,7 @@ impl MachineWorker {
             None => self.gate.finish_command(ServiceState::Waiting),
         }
         schedule::start_scheduler(self.machine_name(), &self.config, &self.gate, journal, &self.log)?;
-        // The time of the start-up does not count: progress is watched from now on.
+        // The duration of the start-up does not count: progress is monitored from here on.
         self.gate.report_progress(MAX_IDLE_HEARTBEAT_INTERVAL);
         Ok(())
     }
@@ -115,7 +115,7 @@ impl MachineWorker {
             let command = match timeout(IDLE_POLL_PERIOD, self.commands.recv()).await {
                 Ok(Some(command)) => command,
                 Ok(None) => break,
-                // No command within the tick.
+                // No command arrived within the poll period.
                 Err(_) => {
                     self.update_artefact_condition();
                     self.update_state_from_other_process(journal).await;
@@ -210,13 +210,13 @@ impl MachineWorker {
         Ok(lock)
     }
 
-    /// Call it only while this process holds the machine's lock.
+    /// Queues the runs without an estimate. Call this function only while this process holds the machine's lock.
     pub(super) fn queue_unidentified_runs(&mut self, journal: &Journal) -> Result<(), StoreError> {
         self.identification_queue.queue_unidentified_runs(journal, &self.machine_file.machine.name)
     }
 
-    /// Records the result of a cycle; returns a value if the service must end with it. `state_if_unopened`: state of
-    /// the machine if its devices could not be opened.
+    /// Records the result of a cycle; returns the exit state if the service must end. `state_if_unopened`: state of the
+    /// machine if its devices could not be opened.
     fn finish_cycle(
         &mut self,
         measured: Result<(RunId, Estimate), CycleFailure>,
@@ -303,7 +303,7 @@ impl MachineWorker {
         Ok(ended?)
     }
 
-    /// Opens the devices, with a capture if one is configured. From here on a stop reaches the control.
+    /// Opens the devices, with a capture if configured. After this call, a hold reaches the control.
     pub(super) async fn open_devices_with_capture(
         &self,
         opening: impl Future<Output = Result<Devices, SetupError>>,

@@ -9,7 +9,7 @@ use crate::compensation::{CompensationError, MachineCompensation};
 use crate::setup::MachineFile;
 use crate::store::{Journal, MachineLock, RunId};
 
-/// Commands to the worker. While one is in progress, no other is accepted.
+/// Commands to the worker. While a command is in progress, no other command is accepted.
 #[derive(Debug)]
 pub enum WorkerCommand {
     StartCycle { cycle: u16 },
@@ -49,7 +49,7 @@ impl Inspection<'_> {
 /// Receiver of the result of an accepted inspection report.
 pub type InspectionResultReceiver = oneshot::Receiver<Result<(), Refusal>>;
 
-/// Writes values of the control, or restores them, and sends its result to the person who decided it.
+/// Job that writes or restores values of the control, and sends the result to the person who requested it.
 pub struct CompensationJob(Box<ExecuteCompensation>);
 
 type ExecuteCompensation = dyn FnOnce(&MachineFile, &Journal, &MachineLock) + Send;
@@ -72,7 +72,7 @@ impl CompensationJob {
         (Self(Box::new(job)), result_receiver)
     }
 
-    /// Blocks the thread.
+    /// Executes the job; blocks the calling thread.
     pub(super) fn execute(self, file: &MachineFile, journal: &Journal, lock: &MachineLock) {
         (self.0)(file, journal, lock);
     }
@@ -90,6 +90,6 @@ pub enum HoldEffect {
     RunHeld,
     /// No motion of this program was in progress.
     NoRunInProgress,
-    /// Another process may move the machine; this one cannot hold it.
+    /// Another process may move the machine, and this process cannot hold the machine.
     OtherProcessCannotBeHeld,
 }

@@ -142,7 +142,7 @@ impl ArtefactRegister {
         Ok(self.file.read()?.map_or_else(Vec::new, |content: RegisterFile| content.artefacts))
     }
 
-    /// Adds `artefact`, or replaces the artefact of this name, which is returned. Without a kind, the kind stays.
+    /// Adds `artefact`, or replaces and returns the artefact of this name. If `kind` is `None`, the old kind is kept.
     ///
     /// # Errors
     /// A text is empty, too long or has control characters, or the file cannot be written.
@@ -172,8 +172,8 @@ impl ArtefactRegister {
         self.replace(artefacts)
     }
 
-    /// `stated`, from a machine file, with certificate and due date of the artefact if it is in the register. An
-    /// artefact that is not in the register stays as it is stated.
+    /// Completes `stated`, from a machine file, with the certificate and its due date if the artefact is in the
+    /// register; otherwise returns `stated` unchanged.
     ///
     /// # Errors
     /// `stated` contains the certificate of a registered artefact as well, or the register cannot be read.
@@ -184,7 +184,7 @@ impl ArtefactRegister {
     /// As [`Self::complete_report_data`], for a run that begins on `today`.
     ///
     /// # Errors
-    /// The same, and the certificate of a registered artefact has expired.
+    /// The errors of [`Self::complete_report_data`], or the certificate of a registered artefact has expired.
     pub fn report_data_for_run(&self, stated: &ReportData, today: Date) -> Result<ReportData, ArtefactRegisterError> {
         let Some(artefact) = self.find_artefact(stated)? else { return Ok(stated.clone()) };
         match artefact.certificate_state(today) {

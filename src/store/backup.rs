@@ -8,7 +8,7 @@ use rusqlite::Connection;
 use super::durable_dir::JOURNAL_FILE_NAME;
 use super::{RunId, StoreError, StoreFault, checksum, connection, format_identification, read, verified_copy};
 
-/// What `backup` has found in the copy: the newest run, and whether its rows have checksums.
+/// Content of a backup: the newest run, and whether the rows of the journal have checksums.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BackupContent {
     pub newest_run: Option<RunId>,
@@ -39,7 +39,7 @@ pub fn backup(dir: &Path, file: &Path) -> Result<BackupContent, StoreError> {
     };
     match verified_copy::copy_verified(&source, file, verified) {
         Ok(newest) => Ok(BackupContent { newest_run: newest, has_row_checksums: has_checksums }),
-        // The copy is removed: the journal was damaged before.
+        // The damage was in the journal before the copy; the copy is removed.
         Err(fault @ StoreFault::Damaged(_)) => Err(StoreError::from_fault_at(&journal)(fault)),
         Err(fault) => Err(StoreError::from_fault_at(file)(fault)),
     }

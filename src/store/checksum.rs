@@ -22,7 +22,7 @@ const TABLES_WITH_RUN_COLUMN: [&str; 6] = ["steps", "stages", "readings", "event
 /// A table whose rows have a checksum.
 struct ChecksummedTable {
     name: String,
-    /// Names of the other columns, in their order, separated by commas.
+    /// Names of all columns except `checksum`, in their order, separated by commas.
     checksummed_columns: String,
 }
 
@@ -56,7 +56,7 @@ fn row_crc(values: &Context<'_>) -> [u8; 4] {
     digest.finalize().to_be_bytes()
 }
 
-/// Adds triggers to `connection` that set the checksum of each row that it inserts or changes.
+/// Adds triggers to `connection` that set the checksum of each row that this connection inserts or changes.
 pub(super) fn add_checksum_triggers(connection: &Connection) -> Result<(), StoreFault> {
     // Without this setting, temporary triggers would need a file of their own.
     connection.pragma_update(None, "temp_store", "MEMORY")?;

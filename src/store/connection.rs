@@ -20,7 +20,7 @@ const BUSY_RETRY_INTERVAL: Duration = Duration::from_millis(5);
 pub(super) fn open_writer(path: &Path) -> Result<Connection, StoreFault> {
     let mut connection = retry_while_busy(MIGRATION_LOCK_TIMEOUT, || open_accepted_journal(path))?;
     connection.pragma_update(None, "synchronous", "FULL")?;
-    // Half a megabyte: a journal grows for years, its page cache should not.
+    // Limits the page cache to half a megabyte, however large the journal is.
     connection.pragma_update(None, "cache_size", -512)?;
     // Off while tables are replaced, so that references to them stay unchanged.
     connection.pragma_update(None, "foreign_keys", false)?;

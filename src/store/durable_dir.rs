@@ -23,7 +23,7 @@ pub(super) fn create_dir_durably(dir: &Path) -> io::Result<()> {
         }
     }
     match sync_dir(parent) {
-        // A directory of another user; its names are not our responsibility.
+        // The directory belongs to another user, and this process may not sync it.
         Err(error) if error.kind() == ErrorKind::PermissionDenied => Ok(()),
         synced => synced,
     }

@@ -11,7 +11,7 @@ use super::RunId;
 /// `errno` of a failing disk, the same on every Linux.
 const EIO: i32 = 5;
 
-/// A fault and the journal that it concerns. Acknowledged data stays.
+/// A fault and the path of its journal. Acknowledged data is not lost.
 #[derive(Debug, thiserror::Error)]
 #[error("journal {}: {fault}", path.display())]
 pub struct StoreError {

@@ -11,7 +11,7 @@ const APPLICATION_ID: i32 = i32::from_be_bytes(*b"trud");
 /// First format with the application ID. Older journals are recognised by their tables.
 pub(super) const FIRST_FORMAT_WITH_APPLICATION_ID: i64 = 8;
 
-/// Format of the journal that is open in `connection`, 0 for an empty file. Only reads.
+/// Format of the journal that is open in `connection`, 0 for an empty file. Does not write.
 ///
 /// # Errors
 /// [`StoreFault::NotAJournal`], [`StoreFault::NewerFormat`], or [`StoreFault::Damaged`] if a journal lacks a table or

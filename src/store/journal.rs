@@ -1,5 +1,5 @@
-//! The journal. One thread writes, one job after the other; the caller gets the answer after the commit is on
-//! the disk. Readers use connections of their own and never wait for the writer.
+//! The journal. One thread executes all write jobs in sequence; the caller gets the result after the commit is on the
+//! disk. Readers use their own connections and never wait for the writer.
 
 use std::future::Future;
 use std::path::{Path, PathBuf};
@@ -141,8 +141,8 @@ impl Journal {
         self.submit_job(move |connection| write::set_state(connection, run, state))
     }
 
-    /// Marks the runs that a dead process left `running`. Holding the machine's lock proves that the process is
-    /// dead.
+    /// Marks as interrupted the runs whose process died in state `running`. Holding the machine's lock proves that the
+    /// process is dead.
     pub fn mark_running_runs_interrupted(&self, lock: &MachineLock) -> AwaitableWrite<Vec<RunId>> {
         let machine = lock.machine().to_owned();
         self.submit_job(move |connection| write::mark_interrupted(connection, &machine))
@@ -153,7 +153,7 @@ impl Journal {
         self.query(|connection| read::select_all_runs(connection))
     }
 
-    /// The newest finished run of `method` on `machine`; it has an estimate.
+    /// The newest run of `method` on `machine` that is finished and has an estimate.
     pub fn newest_run_with_estimate(&self, machine: &str, method: &str) -> Result<Option<RunId>, StoreError> {
         self.query(|connection| read::newest_run_with_estimate(connection, machine, method))
     }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{durable_dir, sha256_text};
 
-/// Process that holds a machine.
+/// Process that holds the lock of a machine.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LockHolder {
     pub machine: String,

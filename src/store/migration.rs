@@ -8,7 +8,7 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use super::schema::{CURRENT_FORMAT, MIGRATIONS, format_version};
 use super::{StoreFault, checksum, format_identification, verified_copy};
 
-/// Migrates the tables in one transaction, also when several processes try at once. The old journal is kept.
+/// Migrates the tables in one transaction, also when several processes try at once. A copy of the old journal is kept.
 pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), StoreFault> {
     if format_version(connection)? == CURRENT_FORMAT {
         return Ok(());

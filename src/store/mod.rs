@@ -132,11 +132,11 @@ pub struct RunSummary {
     pub config_sha256: String,
     /// Hash of the plan so far, see [`sha256`].
     pub plan_sha256: String,
-    /// Name in the last signature of its last estimate.
+    /// Name in the last signature of the run's last estimate.
     pub signed: Option<String>,
-    /// Verdict of its last estimate.
+    /// Verdict of the run's last estimate.
     pub verdict: Option<Verdict>,
-    /// Reason why it is held, failed or closed; `None` in other states.
+    /// Reason why the run is held, failed or closed; `None` in other states.
     pub end_reason: Option<String>,
 }
 
@@ -189,12 +189,12 @@ pub struct StoredEstimate {
     pub program_version: String,
 }
 
-/// Which estimate of a run is read.
+/// Selects which estimate of a run is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EstimateSelection {
-    /// The valid one, which may combine several runs.
+    /// The last estimate, which is the valid one and may combine several runs.
     Last,
-    /// The last one of the readings of the run alone.
+    /// The last estimate from the readings of this run alone.
     LastOwn,
 }
 

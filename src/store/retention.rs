@@ -44,7 +44,7 @@ fn count_scans(connection: &Connection, run: RunId) -> Result<u32, StoreFault> {
     Ok(connection.query_row(count, [run.0], |row| row.get(0))?)
 }
 
-/// Removes one scan; returns whether there was one.
+/// Removes one scan; returns whether a scan was removed.
 fn delete_next_stored_scan(connection: &mut Connection, run: RunId) -> Result<bool, StoreFault> {
     let removed = connection.execute(
         "DELETE FROM readings WHERE seq =

@@ -25,7 +25,7 @@ pub struct RunFilter<'a> {
 pub struct NewestMeasuredRuns {
     /// Result of the newest run with an estimate.
     pub newest_result: Option<FinishedRunResult>,
-    /// The newest run without an estimate, if it is newer than `result`.
+    /// The newest run without an estimate, if it is newer than the run of `newest_result`.
     pub newer_run_without_estimate: Option<RunId>,
 }
 
@@ -99,7 +99,7 @@ fn select_filtered_runs(
     Ok(runs)
 }
 
-/// A scan is one row with many readings: the rows are counted first, and only the requested ones are read.
+/// A scan is one row with many readings: the readings of each row are counted, then only the requested rows are read.
 fn count_and_select_readings(
     connection: &mut Connection,
     run: RunId,

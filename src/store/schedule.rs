@@ -18,8 +18,8 @@ pub struct Arming {
     pub until: Timestamp,
     /// Time and reason of an early end of the arming.
     pub ended: Option<(Timestamp, String)>,
-    /// A run of this machine that was held, failed or interrupted since the arming and has not been
-    /// acknowledged.
+    /// First run of this machine that was held, failed or interrupted after the arming. An acknowledgement does not
+    /// restore the arming.
     pub broken: Option<RunId>,
 }
 
@@ -101,8 +101,8 @@ impl Journal {
         })
     }
 
-    /// Registers the schedules of `machine` by name and calendar. Returns for each the instant up to which its
-    /// slots are settled; for a new schedule or a changed calendar it is `now`.
+    /// Registers the schedules of `machine` by name and calendar. Returns for each schedule the instant up to which its
+    /// slots have an outcome; for a new schedule or a changed calendar, this is `now`.
     pub fn register_schedules(
         &self,
         machine: &str,
@@ -113,8 +113,8 @@ impl Journal {
         self.submit_job(move |connection| replace_schedules(connection, &machine, &names_and_calendars, now))
     }
 
-    /// Stores the outcome of a slot. `false`: an earlier outcome exists and is kept. A missed slot may still
-    /// start if the clock is set back; a started one may end.
+    /// Stores the outcome of a slot. `false`: an earlier outcome exists and is kept. Exceptions: a missed slot may
+    /// still start if the clock is set back, and a started slot gets its final outcome.
     pub fn store_slot(&self, slot: &ScheduleSlot) -> AwaitableWrite<bool> {
         let slot = slot.clone();
         self.submit_job(move |connection| upsert_slot(connection, &slot))

@@ -95,7 +95,7 @@ impl StateFile {
         Ok(file)
     }
 
-    /// Replaces the file; `content` is on the disk then. Call it under [`Self::lock`].
+    /// Replaces the file; on return, `content` is on the disk. Call this function under [`Self::lock`].
     ///
     /// # Errors
     /// The file cannot be written; its previous content is unchanged.
@@ -103,7 +103,7 @@ impl StateFile {
         let text = serde_json::to_string_pretty(content).map_err(|error| self.json_error(error))?;
         let (temporary_path, failed) = (self.path.with_extension("new"), |error| self.file_error(error));
         match fs::remove_file(&temporary_path) {
-            // Left over from a process that died.
+            // The file was left over from a process that died.
             Ok(()) => {}
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(failed(error)),
@@ -119,8 +119,8 @@ impl StateFile {
         self.path.parent().unwrap_or(Path::new("."))
     }
 
-    /// Gives the new `file` at `path` to the daemon's user, whichever user creates it: the daemon could not read
-    /// another user's file. The daemon's user is the owner of the existing file, or else of the folder.
+    /// Gives the new `file` at `path` to the daemon's user, because the daemon could not read another user's file. The
+    /// daemon's user is the owner of the existing file or, without one, of the folder.
     fn give_to_daemon_user(&self, file: File, path: &Path) -> Result<File, StateFileError> {
         let failed = |error| self.file_error(error);
         let own = file.metadata().map_err(failed)?.uid();

@@ -43,7 +43,7 @@ fn partial_copy_path(file: &Path) -> PathBuf {
 
 /// Copies all pages to `part`, checks the integrity of the copy and returns it open.
 fn copy_pages_and_check_integrity(source: &Connection, part: &Path) -> Result<Connection, StoreFault> {
-    // Left by a copy that was not completed.
+    // A copy that was not completed may have left this file.
     match fs::remove_file(part) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error.into()),
         _ => {}
@@ -54,7 +54,7 @@ fn copy_pages_and_check_integrity(source: &Connection, part: &Path) -> Result<Co
         StepResult::Done => {}
         _ => return Err(StoreFault::Locked),
     }
-    // One file, without a log beside it.
+    // The copy is one file, without a write-ahead log beside it.
     copy.pragma_update_and_check(None, "journal_mode", "DELETE", |_| Ok(()))?;
     let report: String = copy.pragma_query_value(None, "integrity_check", |row| row.get(0))?;
     match report.as_str() {

@@ -135,7 +135,7 @@ pub(super) fn insert_estimate(
 pub(super) fn set_state(connection: &mut Connection, run: RunId, state: RunState) -> Result<(), StoreFault> {
     let ended = (state != RunState::Running).then(now_text);
     let is_measured = matches!(state, RunState::NotIdentified | RunState::Finished);
-    // The estimates tell whether the run is identified.
+    // Only the estimates show whether the run is identified.
     let state = if is_measured { RunState::Finished } else { state };
     let transaction = begin_transaction(connection)?;
     let changed = transaction
@@ -174,7 +174,7 @@ pub(super) fn mark_interrupted(connection: &mut Connection, machine: &str) -> Re
     Ok(marked)
 }
 
-/// Begins an immediate transaction, so that of two writing processes none fails in the middle of a transaction.
+/// Begins an immediate transaction, so that a second writing process waits and does not fail in mid-transaction.
 pub(super) fn begin_transaction(connection: &mut Connection) -> Result<Transaction<'_>, StoreFault> {
     Ok(connection.transaction_with_behavior(TransactionBehavior::Immediate)?)
 }

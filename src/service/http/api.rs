@@ -46,8 +46,8 @@ async fn get_machine(machine: ServedMachine) -> Json<MachineStatus> {
     Json(MachineStatus::from_machine(&machine))
 }
 
-/// Each value over the newest 200 finished runs of its method, with its tolerance and the mean temperatures of
-/// each run; its control limits, its steps and its drifts.
+/// Series of each parameter over the newest 200 finished runs of its method: values, tolerance, mean temperatures of
+/// each run, control limits, steps and drifts.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/trends", operation_id = "trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
 async fn get_trends(
     State(app): State<AppState>,

@@ -1,8 +1,8 @@
 //! Connections of the HTTP server. Their number is limited, and every wait for a request or a response has a time
-//! limit. When the maximum number is reached, a new connection replaces another one, preferably one without a request
-//! in progress: of the client with the most connections, the oldest. A new connection has one second to send its
-//! request before it can be replaced, so that a hold arrives however many clients are connected. No connection is
-//! refused, because it might carry a hold.
+//! limit. When the maximum number is reached, a new connection replaces the oldest connection of the client with the
+//! most connections; connections without a request in progress are replaced first. A new connection has one second to
+//! send its request before it can be replaced, so that a hold arrives however many clients are connected. No
+//! connection is refused, because it might carry a hold.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -49,7 +49,7 @@ const RESPONSE_TIMEOUT: Duration = Duration::from_secs(15);
 /// Maximum size of the head of a request, bytes; [`MAX_HEADER_FIELDS`] is its maximum number of header fields.
 const MAX_REQUEST_HEAD_BYTES: usize = 16 * 1024;
 const MAX_HEADER_FIELDS: usize = 64;
-/// Size above which a response is large, bytes; [`MAX_CONCURRENT_LARGE_RESPONSES`] is the maximum number of large ones at a time.
+/// Size above which a response is large, bytes.
 const LARGE_RESPONSE_THRESHOLD_BYTES: u64 = 64 * 1024;
 const MAX_CONCURRENT_LARGE_RESPONSES: usize = 16;
 
@@ -160,9 +160,8 @@ impl Connections {
     }
 }
 
-/// Closes one of the connections for which `is_candidate` is true. Candidates are those with the lowest
-/// [`ConnectionState`]; of these, the oldest of the client with the most connections is closed. Returns whether one was
-/// closed.
+/// Closes one of the connections for which `is_candidate` is true: of those with the lowest [`ConnectionState`], the
+/// oldest connection of the client with the most connections. Returns whether a connection was closed.
 fn close_one_candidate(all: &mut BTreeMap<u64, Connection>, is_candidate: impl Fn(&Connection) -> bool) -> bool {
     let least = all.values().filter(|connection| is_candidate(connection)).map(|connection| connection.state).min();
     let mut shares = BTreeMap::new();

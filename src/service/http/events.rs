@@ -19,8 +19,8 @@ use super::{AppState, ServedMachine};
 
 /// Minimum time between two events that report changes.
 const MIN_EVENT_INTERVAL: Duration = Duration::from_millis(100);
-/// Period of the keep-alive event. By it the server detects a lost client, the page detects a lost server, and
-/// changes that depend on time alone are sent. An SSE comment would only serve the first: a script cannot see it.
+/// Period of the keep-alive event: the server detects a lost client, the page detects a lost server, and changes that
+/// depend on time alone are sent. An SSE comment would not help the page, because a script cannot read it.
 const KEEP_ALIVE_PERIOD: Duration = Duration::from_secs(5);
 
 pub fn event_routes() -> OpenApiRouter<AppState> {

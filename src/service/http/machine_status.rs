@@ -26,12 +26,12 @@ pub struct MachineStatus {
     #[schema(value_type = Option<VerdictSchema>)]
     pub verdict: Option<Verdict>,
     pub cycle: u16,
-    /// Number of the run; 0 before the first.
+    /// Number of the run of this cycle; 0 until the cycle has a run.
     pub run: u32,
     pub progress_percent: u16,
     pub stage: String,
     pub step: String,
-    /// Remaining machine time, s: from the plan before the first motion; null where it is unknown.
+    /// Remaining machine time, s: the planned time before the first step, then as the run reports it; null if unknown.
     pub remaining_s: Option<f64>,
     pub measured: u32,
     pub refusal: Option<String>,
@@ -39,7 +39,7 @@ pub struct MachineStatus {
     pub failure: Option<RunFailure>,
     /// While the machine is held: whether another process holds its lock and may move it.
     pub elsewhere: bool,
-    /// Open prompt: the run waits until a person has done this.
+    /// Open prompt: the run waits until a person has done the requested action and answers.
     pub asked: Option<PromptStatus>,
     #[schema(value_type = Vec<ParameterSchema>)]
     pub parameters: Vec<Parameter>,

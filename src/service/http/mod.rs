@@ -1,7 +1,7 @@
 //! The web page and the HTTP API. They listen on this computer only; access from other computers needs a proxy.
 //!
 //! The server has its own thread and reads the gate and the journal, so that no client, however slow, delays a run.
-//! A hold goes from here directly to the control.
+//! A hold request triggers the halt handle of the control directly, without the machine's worker.
 
 mod access;
 mod actions;
@@ -62,7 +62,7 @@ pub struct ServedMachine {
     pub required_interlocks: Vec<StartInterlock>,
     /// Time for which a verdict stays valid.
     pub verdict_validity: Duration,
-    /// Live part of its page.
+    /// Cache of the rendered live part of the machine's page.
     pub live_part_cache: Arc<page::RenderingCache>,
 }
 
@@ -106,7 +106,7 @@ impl AppState {
     }
 }
 
-/// If the client disconnects while it waits for a permit, nothing is read.
+/// Calls `read` when a permit is free. If the client disconnects during the wait, `read` is not called.
 async fn read_with_permit<T: Send + 'static>(
     permits: &Arc<Semaphore>,
     read: impl FnOnce() -> T + Send + 'static,
@@ -184,9 +184,9 @@ pub fn start_http_server(
     Ok(())
 }
 
-/// Maximum number of concurrent readers of the journal; others wait, so that the run has the rest of the computer.
+/// Maximum number of concurrent readers of the journal; further readers wait, so that runs keep their computing time.
 const MAX_JOURNAL_READERS: usize = 2;
-/// Maximum number of concurrent readers of values of controls, which may wait for another computer.
+/// Maximum number of concurrent reads of control values; such a read may wait for another computer.
 const MAX_CONTROL_READERS: usize = 1;
 
 fn run_http_server(listener: TcpListener, app: AppState, router: Router) -> std::io::Result<()> {

@@ -22,7 +22,7 @@ impl PageAddressFile {
         folder.join("page.json")
     }
 
-    /// Writes the file to `folder`, that of the journal. A concurrent reader gets the old or the new file.
+    /// Writes the file to `folder`, the folder of the journal. A concurrent reader gets the old or the new file.
     pub fn write(&self, folder: &Path) -> io::Result<()> {
         let (file, new_file) = (Self::path(folder), folder.join("page.json.new"));
         std::fs::write(&new_file, serde_json::to_vec(self)?)?;

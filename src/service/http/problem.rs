@@ -74,7 +74,7 @@ impl From<Refusal> for Problem {
             Refusal::TooSoon => "wait for min_interval_s of [serve]",
             Refusal::UsedByOtherProgram => "end the other program that uses the machine",
             Refusal::NothingToAcknowledge => "no acknowledgement is needed",
-            Refusal::PlanHasPrompts => "start the cycle at the page or with `trued run`, and answer its prompts there",
+            Refusal::PlanHasPrompts => "start the cycle on the page or with `trued run`, and answer its prompts there",
             Refusal::PromptNotOpen => "read on the page which prompt is open",
             Refusal::ArtefactRefused => {
                 "read the reason and the remedy in the log, for example a new certificate with `trued artefact add`"

@@ -57,7 +57,7 @@ async fn check_headers_and_limit_time(State(names): State<OwnHostNames>, request
     if let Err(problem) = check_host_and_origin(&names, &request) {
         return problem.into_response();
     }
-    // A request that changes something has a time limit; the response to any other may continue for long, as events do.
+    // A request that changes something has a time limit. Any other response may continue, for example an event stream.
     match request.method().is_safe() {
         true => next.run(request).await,
         false => tokio::time::timeout(CHANGING_REQUEST_TIMEOUT, next.run(request)).await.unwrap_or_else(|_| {
@@ -89,7 +89,7 @@ fn check_host_and_origin(names: &OwnHostNames, request: &Request) -> Result<(), 
             let host = origin.split_once("://").map_or("", |(_, host)| host);
             !names.contains(host)
         }
-        // A browser sends the origin. A program sends the content type JSON, which a form of another site cannot.
+        // A browser sends the origin. A program sends the content type JSON, which a form of another site cannot send.
         None => !text(CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json")),
     };
     match is_cross_origin {
@@ -111,7 +111,7 @@ async fn add_security_headers(request: Request, next: Next) -> Response {
     };
     set("content-security-policy", CONTENT_SECURITY_POLICY);
     set("x-content-type-options", "nosniff");
-    // The referrer is sent to this origin only. Without any, a browser would not name the origin of the page's forms.
+    // The referrer is sent to this origin only. Without a referrer, a browser sends `Origin: null` with a form.
     set("referrer-policy", "same-origin");
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response

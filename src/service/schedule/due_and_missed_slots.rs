@@ -20,8 +20,8 @@ pub struct DueAndMissedSlots {
 /// Slots since the last check. `last_check`: time of the last check, `None` for the first since the service began.
 /// `last_recorded`: last slot that the journal has recorded.
 ///
-/// A slot whose time came while no service was running is missed, however short ago: nothing starts because the
-/// power returned. After the clock was set back, slots are found again; the caller knows which of them ran.
+/// A slot whose time came while no service was running is missed, even by one second: the return of power must not
+/// start a cycle. After the clock was set back, slots are found again; the caller checks which of them have run.
 pub fn find_due_and_missed_slots(
     calendar: &Calendar,
     last_check: Option<Timestamp>,

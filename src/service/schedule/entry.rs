@@ -64,8 +64,8 @@ pub struct ScheduleEntry {
     pub overlap_policy: OverlapPolicy,
 }
 
-/// First word of the schedule name of starts that a person or a timer requests; the number of the cycle follows. No
-/// schedule of the file may have it as its name.
+/// Prefix of the schedule name of starts that a person or a timer requests; the cycle number follows. No schedule of
+/// the machine file may have this name.
 pub const DUE_REQUEST_SCHEDULE_NAME_PREFIX: &str = "due";
 
 impl TryFrom<ScheduleKeys> for ScheduleEntry {

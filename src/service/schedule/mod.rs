@@ -1,9 +1,9 @@
 //! A due cycle starts if a person has armed it and the machine reports that it is ready; otherwise the reason is
 //! recorded.
 //!
-//! `due_and_missed_slots` finds the slots, and `start_decision` decides whether one may start; both are pure functions.
-//! The `Scheduler` checks the clock once a second, on its own thread, so that a clock that was set or a computer that
-//! slept does no harm. The outcome of a slot is in the journal before the machine moves.
+//! `due_and_missed_slots` finds the slots, and `start_decision` decides whether a slot may start; both are pure
+//! functions. The `Scheduler` checks the clock once a second, on its own thread, so that a changed clock or a suspended
+//! computer causes no wrong start. The outcome of a slot is in the journal before the machine moves.
 
 pub mod calendar;
 mod due_and_missed_slots;
@@ -34,8 +34,8 @@ use link::clock::HostClock;
 /// Period of the clock checks.
 const CLOCK_CHECK_PERIOD: Duration = Duration::from_secs(1);
 
-/// Runs the schedule of `machine`, whose lock is held, until the gate ends. On return, the slots that an earlier
-/// service left are recorded.
+/// Starts the scheduler thread of `machine`; it runs until the service ends. The caller holds the machine's lock. On
+/// return, the journal contains the outcomes of the slots that an earlier process started.
 ///
 /// # Errors
 /// The journal cannot be written, or the thread cannot be started.

@@ -16,8 +16,8 @@ use crate::service::not_started::NotStartedReason;
 use crate::service::schedule_state::{Readiness, StartDueCycleRequest};
 use crate::store::{ScheduleSlot, SlotOutcome, StoreError};
 
-/// Time within which a second report that a cycle is due counts as a repetition of the first; the same holds if the
-/// clock was set back.
+/// Time within which a second report that a cycle is due counts as a repetition of the first. A report that is
+/// earlier than the first, because the clock was set back, is a repetition as well.
 const DUE_REPORT_REPETITION_TIME: SignedDuration = SignedDuration::from_mins(5);
 /// Number of next times in the displayed plan.
 const SHOWN_NEXT_TIME_COUNT: usize = 3;
@@ -47,7 +47,7 @@ pub struct Scheduler {
 }
 
 impl Scheduler {
-    /// Creates the scheduler, and records what an earlier service left: slots that it started, armings that are broken.
+    /// Creates the scheduler, and records the slots that an earlier process started and the armings that are broken.
     ///
     /// # Errors
     /// The journal cannot be written.
@@ -151,7 +151,7 @@ impl Scheduler {
         *last_recorded = at.max(*last_recorded);
     }
 
-    /// Starts or skips the slot at the time `at`, or lets it wait. `last_reason`: why it has waited until now.
+    /// Starts or skips the slot at the time `at`, or keeps it waiting. `last_reason`: why the slot has waited so far.
     fn start_skip_or_keep_waiting_slot(
         &mut self,
         track: &mut TrackedSchedule,
@@ -291,7 +291,7 @@ impl Scheduler {
         }
         match machine_state.state {
             ServiceState::Running if ours => self.running_slot_and_start_count = Some((slot, accepted)),
-            // The next service records its outcome.
+            // The next process of the service records the outcome of this slot.
             ServiceState::Ending => {}
             _ => {
                 let cycle = slot.cycle;

@@ -64,7 +64,7 @@ impl SlotRecorder {
         }
     }
 
-    /// Records how the run of a started slot has ended; returns whether it has a result.
+    /// Records how the run of a started slot has ended; returns whether the run has a result.
     pub fn record_slot_end(&self, slot: ScheduleSlot) -> bool {
         let stored = (slot.run > 0).then(|| self.journal.load_run(RunId(slot.run)));
         let (outcome, why) = match stored {

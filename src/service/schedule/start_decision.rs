@@ -56,7 +56,7 @@ pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &CurrentCo
         return StartDecision::Skip(NotStartedReason::LatestStartPassed(Box::new(why)));
     }
     match conditions.gate_refusal {
-        // Waiting does not help: no person will be at the machine later either.
+        // Waiting does not help: an unattended machine has no person for the prompts later either.
         Some(Refusal::PlanHasPrompts) => StartDecision::Skip(why),
         Some(Refusal::Busy) if requirements.overlap_policy == OverlapPolicy::Skip => StartDecision::Skip(why),
         _ => StartDecision::Wait(why),

@@ -1,7 +1,7 @@
 //! Text line protocol for any device with a serial port: `START 1 ENABLE AUTO DOOR`, `STOP`, `ACK`, `STATE`.
-//! The interlocks are in the line of the request and are as fresh as the line. `TELL ENABLE AUTO DOOR IDLE` reports
-//! them for a schedule, which starts without a request. Each line gets one response; that of a start is sent when
-//! the run has its number.
+//! A `START` line contains the interlocks, which are as fresh as this line. `TELL ENABLE AUTO DOOR IDLE` reports the
+//! interlocks for a schedule, which starts without a request. Each line gets one response; the response to `START`
+//! is sent when the run has its number.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -72,8 +72,8 @@ async fn serve_open_port(
     }
 }
 
-/// Executes a received line and sends its response. Returns whether a run begins, so that its response is still to be
-/// sent.
+/// Executes a received line and sends its response. Returns whether a run begins: the response is then sent later,
+/// with the number of the run.
 fn handle_line(
     received: &LineEvent,
     link: &mut LineLink,

@@ -25,7 +25,7 @@ pub struct RateLimits {
     pub change_limit: ClientRateLimit,
     /// Invalid tokens from each address.
     pub invalid_token_limit: ClientRateLimit,
-    /// Holds by each client. The hold is executed in any case; beyond the limit it is not logged.
+    /// Holds by each client. Every hold is executed; beyond the limit, holds are counted, not logged one by one.
     pub hold_log_limit: ClientRateLimit,
 }
 

@@ -1,5 +1,5 @@
-//! Sessions of the web page. The browser keeps a random number; the token that it represents is kept here, for the
-//! duration of a shift and while the token is valid.
+//! Sessions of the web page. The browser stores only a random number. The daemon stores the token of the session, for
+//! at most [`SESSION_DURATION`] and while the token is valid.
 
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};

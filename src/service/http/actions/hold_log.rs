@@ -24,7 +24,7 @@ type ClientAndMachine = (String, String);
 struct HoldLogState {
     /// By machine: number of the last run whose hold has a line, and the time of that hold.
     last_logged_hold_by_machine: BTreeMap<String, (i64, Instant)>,
-    /// Number of holds that have no line yet.
+    /// Number of holds that have no audit line yet.
     unlogged_hold_counts: BTreeMap<ClientAndMachine, u64>,
 }
 
@@ -44,7 +44,7 @@ impl HoldLog {
         !is_repeated
     }
 
-    /// Counts a hold without a line; returns whether it is the first of them.
+    /// Counts a hold without an audit line; returns whether the count was 0 before.
     fn count_unlogged_hold(&self, key: &ClientAndMachine) -> bool {
         let mut inner = lock(&self.0);
         let count = inner.unlogged_hold_counts.entry(key.clone()).or_insert(0);

@@ -20,7 +20,7 @@ pub struct ResumeRequest {
     who: String,
     #[serde(default)]
     why: String,
-    /// Conditions that this person has checked at the machine: the path is free, the spindle's content is undamaged.
+    /// This person confirms that the path is free (`free`), and that the probe or sensor is undamaged (`whole`).
     #[serde(default)]
     free: bool,
     #[serde(default)]

@@ -1,4 +1,4 @@
-//! Signature of a person under a result.
+//! Signature of a result by a person.
 
 use axum::Json;
 use axum::extract::{Extension, Path, State};

@@ -101,7 +101,7 @@ pub struct BudgetLineSchema {
     #[schema(required = false)]
     key: Option<String>,
     /// `u` divided by the declared size of the source; of several axes or sensors, by the largest size. Absent: `u` is
-    /// not proportional to it.
+    /// not proportional to the size.
     #[schema(required = false)]
     sensitivity: Option<f64>,
     /// Whether the size of the source, or a part of it, is assumed and not declared.
@@ -148,7 +148,7 @@ pub struct RunSchema {
     id: i64,
     #[schema(format = DateTime)]
     started: String,
-    /// Time at which it reached its state; null while it runs.
+    /// Time at which the run reached its state; null while the run is in progress.
     #[schema(format = DateTime)]
     ended: Option<String>,
     method: String,
@@ -158,11 +158,11 @@ pub struct RunSchema {
     program_version: String,
     config_sha256: String,
     plan_sha256: String,
-    /// Person who last signed its last estimate.
+    /// Person who last signed the last estimate of the run.
     signed: Option<String>,
-    /// Verdict of its last estimate.
+    /// Verdict of the last estimate of the run.
     verdict: Option<VerdictSchema>,
-    /// Reason why it is held, failed or closed; null in other states.
+    /// Reason why the run is held, failed or closed; null in other states.
     end_reason: Option<String>,
 }
 
@@ -211,7 +211,7 @@ pub struct FunctionDifferenceSchema {
     argument_unit: String,
     /// Unit: um, urad, um/m, mm or ms.
     unit: String,
-    /// Argument at which the value of each function is subtracted from it; null: nothing is subtracted.
+    /// Argument at which each function is set to zero, by subtraction of its value there; null: nothing is subtracted.
     gauge_at: Option<f64>,
     x: Vec<f64>,
     by: Vec<f64>,

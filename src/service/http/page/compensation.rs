@@ -46,7 +46,7 @@ pub async fn sheet_page(State(app): State<AppState>, Path(run): Path<i64>) -> Re
     Ok(Html(sheet.map_err(CompensationError::from)?.html))
 }
 
-/// The last compensation of each kind of values of the machine, for its page, without those that are undone.
+/// Template values of the newest compensation of each kind of values, without undone compensations.
 pub fn last_compensation_values(journal: &Journal, machine: &MachineFile) -> Result<Vec<Value>, StoreError> {
     let stored = journal.compensations(&machine.machine.name)?;
     let last = machine.compensation.iter().filter_map(|own| stored.iter().find(|stored| stored.target == own.kind()));

@@ -36,8 +36,8 @@ pub async fn machine_page(State(app): State<AppState>, machine: ServedMachine) -
 
 fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> {
     let ServedMachine { name, gate, machine_file, .. } = machine;
-    // Before the journal, in which a held run appears first. If a change comes between the two reads, the page is
-    // notified and reloads.
+    // The state is read before the journal, because the journal shows a held run first. If the state changes between
+    // the two reads, the page is notified and reloads.
     let status = status_values(machine);
     let (all, (runs, waits)) =
         (machine_history(journal, name, &machine_file.tolerances)?, run_rows_and_resume_values(journal, machine)?);
@@ -58,7 +58,7 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
 /// Live part of a machine's page; the script requests it at each change.
 pub async fn live_part(State(app): State<AppState>, machine: ServedMachine) -> Result<Html<Bytes>, Problem> {
     let shared = Arc::clone(&machine.live_part_cache);
-    // Read first: a change while the part is rendered causes a new rendering.
+    // The counter is read first: a change during the rendering causes a new rendering.
     let change = *machine.gate.subscribe_changes().borrow();
     let render = move |journal: &Journal| {
         machine.gate.refresh_newest_runs(journal, &machine.name)?;
@@ -68,7 +68,7 @@ pub async fn live_part(State(app): State<AppState>, machine: ServedMachine) -> R
     shared.get_or_render(change, async { app.read_journal(render).await? }).await
 }
 
-/// Rows of the newest runs; and, if the last run waits for a person, its values with the question before its resume.
+/// Template rows of the newest runs and, if the last run is resumable, the template values for its resume.
 fn run_rows_and_resume_values(
     journal: &Journal,
     machine: &ServedMachine,
@@ -95,7 +95,7 @@ pub fn status_values(machine: &ServedMachine) -> Value {
     let status = MachineStatus::from_machine(machine);
     let result = status.result.as_ref();
     let (class, glance) = state_class_and_text(&status, result);
-    // Values that no longer describe the machine are shown only with their run.
+    // Outdated values are shown only on the page of their run.
     let shows_values = !matches!(class, "busy" | "held") && result.is_some_and(|r| !r.outdated);
     let newest = machine.gate.machine_state().newest_runs;
     let rows = newest.newest_result.as_ref().filter(|_| shows_values).map(rows_of_newest_result).unwrap_or_default();

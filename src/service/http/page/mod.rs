@@ -124,7 +124,7 @@ fn overview_values(app: &AppState) -> Value {
     context! { machines, now => format_local_time(Timestamp::now()) }
 }
 
-/// Row of `run` in a list. A resumed run is `running` in the state of its machine before the journal contains it.
+/// Row of `run` in a list. When a run is resumed, the machine state shows `running` earlier than the journal.
 fn row_of_run_on(machine: Option<&ServedMachine>, run: &RunSummary) -> Value {
     let in_progress = machine.map(|machine| machine.gate.machine_state());
     let is_in_progress =

@@ -111,7 +111,7 @@
     source.addEventListener("standing", (event) => {
       lastEvent = Date.now();
       const now = JSON.parse(event.data);
-      // A reload could find no server. The next event is from the service that was started after this one.
+      // A reload would fail, because the service ends. The next event comes from the restarted service.
       if (now.state === "ending") { endAnnounced = true; refresh(); return; }
       const watched = now.asked?.live ? "/sensors" : "";
       const open = now.asked ? `${now.asked.step}/${now.asked.repeat}${watched}` : "";
@@ -126,7 +126,7 @@
     });
     source.onerror = () => {
       showConnectionLost(true);
-      // An answer that is no event stream, for example of a proxy or for an expired session.
+      // The response is not an event stream: for example a proxy error, or an expired session.
       if (source.readyState === EventSource.CLOSED) refresh();
     };
   };

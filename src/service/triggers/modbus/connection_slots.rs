@@ -29,7 +29,7 @@ pub struct ConnectionSlots {
 
 struct ConnectionSlot {
     last_received: Arc<Mutex<Instant>>,
-    /// Dropping it requests that the connection closes; the receiver is closed once the connection is.
+    /// Dropping this sender requests the end of the connection; its receiver is dropped when the connection has ended.
     close_request: oneshot::Sender<()>,
 }
 

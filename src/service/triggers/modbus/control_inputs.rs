@@ -13,7 +13,7 @@ use crate::service::schedule_state::Readiness;
 /// Debounce time: a coil must have been low for this long before its rising edge counts.
 const DEBOUNCE_TIME: Duration = Duration::from_millis(50);
 
-/// Command that a write requests.
+/// Command that a write of coils requests.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CoilCommand {
     /// Start of the cycle with this number.
@@ -75,7 +75,7 @@ impl ControlInputs {
     }
 
     /// Interlocks of the control. They are fresh after two changes of `alive`, each in time, so that a control that
-    /// returns does not start a cycle with values that it wrote long ago.
+    /// reconnects does not start a cycle with old values.
     pub fn interlocks(&self, now: Instant) -> Interlocks {
         let [Some(last), Some(before)] = self.last_alive_changes else { return Interlocks::default() };
         let in_time = |from: Instant, to: Instant| to.duration_since(from) <= self.alive_timeout;

@@ -32,7 +32,7 @@ const HEARTBEAT_PERIOD: Duration = Duration::from_millis(250);
 const MAX_CONNECTIONS: usize = 16;
 /// Pause before the server listens again after an error.
 const LISTEN_RETRY_PAUSE: Duration = Duration::from_millis(100);
-/// Maximum number of registers in one request, by the protocol; [`MAX_COILS_PER_REQUEST`] is that of coils.
+/// Maximum number of registers in one request, by the protocol.
 const MAX_REGISTERS_PER_REQUEST: u16 = 125;
 const MAX_COILS_PER_REQUEST: u16 = 2000;
 
@@ -98,7 +98,7 @@ impl ConnectionFilter {
             }
             return None;
         }
-        // Responses are small and sent at once; on an error they are only delayed.
+        // Responses are small and are sent at once; if the option cannot be set, they are only delayed.
         let _ = stream.set_nodelay(true);
         let client = ModbusConnectionHandler {
             server_state: self.server_state.clone(),
