@@ -92,7 +92,7 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
     }
 }
 
-/// Reports that the operator has left: the axis stays where it is.
+/// Reports that the operator did not answer after the jog, and that the axis was not moved back.
 fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, part_started: Instant) {
     let axis = jog.axis;
     let what = format!(

@@ -28,7 +28,7 @@ pub(super) async fn check_control(check: &mut MachineCheck<'_>) -> Result<(), Ch
     if may_move {
         return prepare_and_confirm_position(check).await;
     }
-    // If its positions are in doubt, a small jog may go anywhere.
+    // If the reported positions are wrong, even a small jog can move the machine to any position.
     prepare_and_report_position(check).await?;
     Err(CheckEnd::Unsafe)
 }
@@ -99,7 +99,7 @@ pub(super) async fn prepare_in_contact(check: &mut MachineCheck<'_>) -> Result<P
     }
 }
 
-/// Prepares the control and reports its position. A closed probe input is left to the next part.
+/// Prepares the control and reports its position. A closed probe input is no failure here: the part `probe` checks it.
 async fn prepare_and_report_position(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let part_started = Instant::now();
     match check.controller()?.prepare().await {

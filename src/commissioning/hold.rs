@@ -14,13 +14,13 @@ use machine::Axis;
 use machine::record::motion::MotionBlockOutcome;
 use machine::record::question::{Jog, OperatorAnswer, OperatorQuestion};
 
-/// Length of the path that is held, mm.
+/// Length of the jog that is stopped by a hold, mm.
 const HELD_JOG_LENGTH_MM: f64 = 5.0;
 /// Time from the start of the motion to the halt.
 const TIME_FROM_START_TO_HALT: Duration = Duration::from_millis(1500);
 /// Maximum travel after the halt, mm; one second at the slow feed of a jog.
 const MAX_TRAVEL_AFTER_HALT_MM: f64 = 1.0;
-/// Maximum number of questions to the operator, who may answer too early.
+/// Maximum number of questions whether the control is released: the operator may answer too early.
 const MAX_RELEASE_QUESTIONS: usize = 3;
 /// Maximum distance from the end of the jog at which the axis counts as arrived there, mm.
 const JOG_END_TOLERANCE_MM: f64 = 0.05;
@@ -47,7 +47,7 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
         check.report_unchecked(
             CheckPart::Hold,
             format!(
-                "for no linear axis a path of {HELD_JOG_LENGTH_MM} mm is free of collision: \
+                "no linear axis has a collision-free path of {HELD_JOG_LENGTH_MM} mm: \
             raise Z above the declared bodies"
             ),
         );
@@ -178,8 +178,8 @@ async fn judge_hold_and_return_held(
     Ok(true)
 }
 
-/// Waits until the operator has released the control, as a held link accepts no line. The operator may answer
-/// too early.
+/// Waits until the operator has released the control, because a halted connection accepts no commands. The question is
+/// repeated if the operator answers too early.
 async fn wait_for_release(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let mut not_yet = None;
     for _ in 0..MAX_RELEASE_QUESTIONS {

@@ -76,7 +76,7 @@ pub(super) struct ProvenJog {
     pub target_mm_or_rad: f64,
 }
 
-/// Proves that a jog comes too close to no body.
+/// Proves that a jog keeps its clearance to all bodies.
 ///
 /// # Errors
 /// The jog cannot be rendered, or it comes too close to a body.
@@ -118,8 +118,8 @@ fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: Mo
     Ok(ProvenJog { block: prove(&request, transmission, &block)?, target_mm_or_rad: to })
 }
 
-/// Proves a jog and checks that the machine is still at the start position of the proof: from elsewhere the
-/// same text is another motion.
+/// Proves a jog and checks that the machine is still at the start position of the proof: from another start position
+/// the same program text commands another motion.
 ///
 /// # Errors
 /// The errors of [`prove_planned_jog`]; or the machine was moved, or the control does not report its position.

@@ -1,5 +1,5 @@
-//! Checks that the control itself latches the position of a contact, by a run of `latch-delay`: one point of
-//! the part, touched at two feeds. The journal contains it as such a run.
+//! Checks that the control itself latches the position of a contact, by the method `latch-delay`: one point of the part
+//! is touched at two feeds. The journal stores these touches as a run of `latch-delay`.
 
 use std::sync::Arc;
 use std::time::Instant;

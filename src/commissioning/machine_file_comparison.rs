@@ -1,5 +1,5 @@
-//! Compares the machine file with the data that the control reports. A file that claims less than the control
-//! has is correct.
+//! Compares the machine file with the data that the control reports. Travel, speeds and accelerations in the machine
+//! file may be smaller than those of the control.
 
 use devices::controllers::{DeviceInfo, ReportedAxisProperties};
 use machine::Axis;
@@ -114,7 +114,7 @@ mod tests {
     fn only_values_beyond_those_of_the_control_are_reported() {
         let (machine, info) = machine_with_matching_info();
         assert_eq!(machine_file_differences(&machine, &info), []);
-        assert_eq!(machine_file_differences(&machine, &DeviceInfo::default()), [], "it tells nothing");
+        assert_eq!(machine_file_differences(&machine, &DeviceInfo::default()), [], "the control reports no data");
 
         let descriptions_after = |change: fn(&mut ReportedAxisProperties)| {
             let mut info = info.clone();

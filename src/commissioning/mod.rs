@@ -1,6 +1,6 @@
 //! `trued check`: compares the machine with its machine file, part by part. Each part checks one aspect,
-//! reports its finding, and names a fault with its remedy. Every motion is proven and needs the operator's
-//! permission directly before it; a check that nobody can confirm is reported as not checked.
+//! reports its findings, and gives a remedy for each fault. Every motion is proven and needs the operator's
+//! permission directly before it; a check that needs an absent operator is reported as not checked.
 //!
 //! A failed part ends the check if it would not be safe to continue; otherwise the next part follows.
 
@@ -76,7 +76,7 @@ pub struct MachineCheck<'a> {
     position: Option<Position>,
     /// How the control receives blocks; known after it was prepared.
     transmission: Option<TransmissionForm>,
-    /// Setting that inverts the probe input at the control, in its own terms.
+    /// Setting that inverts the probe input at the control, in the control's terms.
     probe_polarity_hint: Option<String>,
     /// Whether the probe input was seen both open and closed.
     is_probe_working: bool,
@@ -88,7 +88,7 @@ pub struct MachineCheck<'a> {
 }
 
 impl<'a> MachineCheck<'a> {
-    /// A new check; `stop` holds the open control.
+    /// A new check. A request of `stop` ends the check, and holds the control during a motion.
     pub fn new(
         file: &'a MachineFile,
         reopenable_machine: &'a ReopenableMachine<'a>,

@@ -1,5 +1,5 @@
-//! Checks that the probe input is open at rest, closed while the stylus is deflected, and open again. Nothing
-//! moves but the stylus, by hand, and before it the retract out of contact.
+//! Checks that the probe input is open at rest, closed while the stylus is deflected, and open again. The operator
+//! deflects the stylus by hand; the axes do not move, except for a retract out of contact at the start.
 
 use std::time::{Duration, Instant};
 
@@ -33,7 +33,7 @@ pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), Chec
     };
     if let Some((what, remedy)) = test.fault_and_remedy(check.probe_polarity_hint.as_deref()) {
         check.report_failed(CheckPart::Probe, part_started, what, remedy);
-        // With a faulty probe nothing would stop at a contact.
+        // With a faulty probe a contact does not stop the machine.
         return Err(CheckEnd::Unsafe);
     }
     check.report_ok(
@@ -44,7 +44,7 @@ pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), Chec
     check.is_probe_working = true;
     match check.position {
         Some(_) => update_position(check, part_started).await,
-        // The stylus was deflected while the control was prepared.
+        // The control is prepared only now, because the probe input was closed at the first attempt.
         None => control::prepare_and_confirm_position(check).await,
     }
 }
@@ -83,7 +83,7 @@ async fn is_probe_mounted(check: &mut MachineCheck<'_>) -> Result<bool, CheckEnd
 fn report_untested_probe(check: &mut MachineCheck<'_>, part_started: Instant, is_closed_at_rest: bool, why: &str) {
     if is_closed_at_rest {
         let remedy = "run `trued check` on a terminal: it retracts a stylus from a contact step by step and \
-            finds out whether the input is inverted or stuck; or release the stylus by hand (the input must \
+            determines whether the input is inverted or stuck; or release the stylus by hand (the input must \
             also read open while a sensor is mounted instead of the probe)";
         check.report_failed(CheckPart::Probe, part_started, "the probe reads closed", remedy);
     } else {

@@ -9,7 +9,8 @@ use super::finding::CheckPart;
 use crate::setup::machine_file::ControlConfig;
 
 impl MachineCheck<'_> {
-    /// Nothing of this makes the machine unsafe. A simulated machine needs no report data.
+    /// Reports an expired certificate and missing keys; neither makes the machine unsafe. A simulated machine may lack
+    /// the keys.
     pub(super) fn check_report_data(&mut self) {
         let part_started = Instant::now();
         let data = &self.machine_file.report_data;

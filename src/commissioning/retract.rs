@@ -43,7 +43,7 @@ pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result
 }
 
 /// Reports that the stylus is out of contact, and ends the check: jogs are proven from the position that the control
-/// reports, but the stylus met something at an unexpected place.
+/// reports, and after a contact at an unexpected position the reported position may be wrong.
 fn report_released_stylus(check: &mut MachineCheck<'_>, part_started: Instant) -> CheckEnd {
     let what = "the stylus is out of contact and the probe reads open; the position of the machine may differ from \
         the display of the control";

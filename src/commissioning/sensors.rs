@@ -13,7 +13,7 @@ const SENSOR_TEST_DURATION_S: f64 = 0.5;
 const MIN_TEST_SAMPLES: u32 = 20;
 /// Maximum number of samples of the test: a fast sensor is tested for a shorter time.
 const MAX_TEST_SAMPLES: u32 = 500;
-/// Maximum ratio of the measured noise to the declared noise. More indicates another sensor, or another
+/// Maximum ratio of the measured noise to the declared noise. A larger ratio indicates another sensor or another
 /// mounting place.
 const MAX_NOISE_RATIO: f64 = 5.0;
 /// Maximum relative deviation of the sample rate. The computer may be late with the first or the last sample.
@@ -119,7 +119,7 @@ fn rate_fault(declared_hz: f64, samples: &[Sample]) -> Option<SensorFault> {
     (span_s > 0.0 && off).then_some((what, remedy))
 }
 
-/// Number of missing samples by the sensor's counter.
+/// Number of missing samples according to the counter of the sensor.
 fn missing_sample_count(samples: &[Sample]) -> u64 {
     samples.iter().map(|sample| u64::from(sample.lost_before_count)).sum()
 }

@@ -48,7 +48,7 @@ fn lock_state(state: &Mutex<CheckStopState>) -> MutexGuard<'_, CheckStopState> {
 }
 
 impl CheckStop {
-    /// Halt handle for signals.
+    /// Halt handle that requests this stop, for example from a signal handler.
     pub fn halt_handle(&self) -> HaltHandle {
         self.halt.clone()
     }

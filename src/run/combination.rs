@@ -22,8 +22,8 @@ pub enum CombinationError {
     #[error("run {run}, of the method {method}, has an estimate of other inputs or of another version of this program")]
     OtherEstimate { run: RunId, method: String },
     #[error(
-        "the records do not say that the control used the same compensation files during the runs {one} and {other}: the \
-         readings contain their effect"
+        "the records do not confirm that the control used the same compensation files during the runs {one} and \
+         {other}: the readings contain the effect of these files"
     )]
     OtherValuesOfControl { one: RunId, other: RunId },
     #[error("run {simulated} was measured on a simulated control, run {real} on the machine")]
@@ -42,7 +42,7 @@ impl CombinationError {
                 Some(format!("compute its estimate again with `trued identify {method} --run {run}`"))
             }
             Self::OtherValuesOfControl { .. } => Some("choose runs after the last compensation".to_owned()),
-            Self::SimulatedAndReal { .. } => Some("choose runs of the machine alone".to_owned()),
+            Self::SimulatedAndReal { .. } => Some("choose runs that were measured on the real machine".to_owned()),
         }
     }
 }
@@ -65,8 +65,8 @@ impl IdentifiedRun {
     }
 }
 
-/// Combines the own estimates of the runs, judges the result by the tolerances of the newest run and stores it as a new
-/// estimate of this run, if the runs agree. `trued identify --run` gives the run its own estimate back.
+/// Combines the own estimates of the runs and judges the result by the tolerances of the newest run. If the runs agree,
+/// stores the result as a new estimate of the newest run. `trued identify --run` restores the own estimate of that run.
 ///
 /// # Errors
 /// A run has no estimate of its own readings, or the runs cannot be combined.
@@ -148,7 +148,7 @@ fn check_values_of_control(runs: &[IdentifiedRun]) -> Result<(), CombinationErro
     }
 }
 
-/// Checks that all runs have a simulated control, or none.
+/// Checks that the control was simulated in all runs or in none.
 fn check_controls(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
     let simulated = runs.iter().find(|run| run.is_simulated());
     let real = runs.iter().find(|run| !run.is_simulated());

@@ -8,15 +8,15 @@ use crate::setup::EncoderScale;
 use devices::sensors::Sample;
 use machine::{Axis, Position};
 
-/// Maximum difference between counts and control at rest after the turn, degrees. With an eccentricity of 20 µm
-/// it changes a radius by less than 0.02 µm.
+/// Maximum difference between the angle from the counts and the angle that the control reports at rest after the turn,
+/// degrees. With an eccentricity of 20 µm this difference changes a radius by less than 0.02 µm.
 const MAX_COUNTED_TURN_DEVIATION_DEG: f64 = 0.05;
 /// Maximum time between the acquisition of a sample and its arrival.
 const MAX_SAMPLE_ARRIVAL_DELAY_S: f64 = 0.1;
 /// Minimum ratio of a jump to the median step between two samples.
 const MIN_JUMP_TO_MEDIAN_STEP_RATIO: f64 = 20.0;
 
-/// One turn as one sensor measured it.
+/// One turn of the axis with the encoder counts in the samples of one sensor.
 pub(super) struct CountedTurn<'a> {
     pub encoder_scale: EncoderScale,
     /// Positions that the control reports at rest, before and after the turn.
@@ -27,7 +27,7 @@ pub(super) struct CountedTurn<'a> {
     pub max_speed_deg_s: f64,
 }
 
-/// Reason why the counts of a turn do not match its axis.
+/// Reason why the encoder counts do not match the turn of the axis.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EncoderCountFault {
     #[error("the count of the encoder stayed at {count} while {axis} turned by {turned_deg:.3}°")]
@@ -38,7 +38,7 @@ pub enum EncoderCountFault {
     )]
     TurnedAngleMismatch { axis: Axis, counted_deg: f64, turned_deg: f64, counts_per_turn: i64 },
     #[error(
-        "the count of the encoder jumps by {jump_deg:.3}° at {axis} = {at_deg:.3}°, more than {axis} turns \
+        "the count of the encoder jumps by {jump_deg:.3}° at {axis} = {at_deg:.3}°, more than {axis} can turn \
         between two samples"
     )]
     Jump { axis: Axis, at_deg: f64, jump_deg: f64 },
@@ -129,7 +129,7 @@ impl CountedTurn<'_> {
         counts_to_rad(self.encoder_scale, counts)
     }
 
-    /// Checks for jumps. A wrong scale makes all steps longer and is not a jump.
+    /// Checks for jumps of the count. A wrong `counts_per_turn` makes all steps longer, and is not a jump.
     fn check_for_jumps(&self, counted: &[(Sample, i64)]) -> Result<(), EncoderCountFault> {
         let of_a_sample =
             |step: i64, sample: &Sample| step.unsigned_abs() as f64 / (1.0 + f64::from(sample.lost_before_count));

@@ -47,7 +47,8 @@ pub(super) fn resample_turn(
     let mut values = of_turn(&|sample| sample.value_mm);
     invalidate_saturated_samples(&mut values);
     let values = Resampler::resample_scan(&filter, ends_rad, &values);
-    // The time passes the same filter, so that it belongs to the angle also where the speed changes.
+    // The times pass through the same filter as the values, so that each time matches its angle even where the speed
+    // changes.
     let times = Resampler::resample_scan(&filter, ends_rad, &of_turn(&|sample| Some(sample.received_s)));
     let number = |angle: f64| (angle * angles_per_revolution as f64 / std::f64::consts::TAU).round() as i64;
     let times: BTreeMap<i64, f64> =

@@ -26,7 +26,7 @@ pub enum RunError {
     ProgramNotWritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
-    /// A fault with the label of the step that it names.
+    /// A fault of one step, with the label of that step.
     #[error("{label}, {source}")]
     AtStep { label: String, source: Box<RunError> },
     /// Fault of the probe input while a sensor is mounted instead of the probe.
@@ -144,7 +144,7 @@ impl RunError {
         }
     }
 
-    /// The error of a touch before the probe is known to work.
+    /// Replaces `NoContact` by `NoFirstContact`, because no touch has confirmed yet that the probe works.
     pub(super) fn no_contact_into_no_first_contact(self) -> Self {
         match self {
             Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
@@ -155,7 +155,7 @@ impl RunError {
         }
     }
 
-    /// The error of a run that measures with `sensor`: no stylus can be deflected.
+    /// Adds to a fault of the probe input that `sensor` is mounted instead of the probe, and has no stylus to release.
     pub(super) fn add_sensor_to_probe_input_error(self, sensor: &str) -> Self {
         use ControllerError::{ProbeClosed, ProbeStillClosed, UnexpectedContact};
         let closed =
@@ -186,7 +186,7 @@ impl RunError {
         }
     }
 
-    /// The control's error, if the control caused this error.
+    /// The error of the control that caused this error; `None` if the control did not cause it.
     pub fn controller_error(&self) -> Option<&ControllerError> {
         match self {
             Self::Controller(error) => Some(error),

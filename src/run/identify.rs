@@ -1,4 +1,5 @@
-//! From the readings of a completed measurement to its stored estimate. Nothing here needs the machine.
+//! Computes and stores the estimate of a completed measurement from its readings. No connection to the machine is
+//! needed.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -148,8 +149,8 @@ pub async fn store_identification(
     }
 }
 
-/// Identifies the plan's readings, and adds the ranges of the axes and the hashes of its inputs as in the
-/// journal.
+/// Identifies the readings of `plan`. Adds to the estimate the ranges of the axes and the hashes of the plan, the
+/// readings, the probe, the artefact and the priors.
 ///
 /// # Errors
 /// The errors of [`Method::identify`].
@@ -212,7 +213,7 @@ pub fn judge_estimate(mut estimate: Estimate, plan: &Plan, tolerances: &[Paramet
         let predictor = ErrorPredictor::of_plan(plan, &estimate);
         match predictor.and_then(|predictor| predictor.volumetric_error_parameter()) {
             Ok(parameter) => estimate.parameters.push(parameter),
-            Err(why) => estimate.warnings.push(format!("there is no volumetric error: {why}")),
+            Err(why) => estimate.warnings.push(format!("the volumetric error was not computed: {why}")),
         }
     }
     decision::judge_estimate(&mut estimate, tolerances);

@@ -72,7 +72,7 @@ struct SectionEccentricity {
     eccentricity_mm: Option<[f64; 2]>,
 }
 
-/// The sections that `watch` names, in the order of their numbers.
+/// Eccentricities of the cross-sections to which the watched sensors belong, in the order of the section numbers.
 fn section_eccentricities(watch: &[WatchedSensor], sensors: &[LiveSensorValue]) -> Vec<SectionEccentricity> {
     let mut deviations: BTreeMap<usize, (f64, Vec<RadialDeviation>)> = BTreeMap::new();
     for (watched, live) in watch.iter().zip(sensors) {

@@ -1,5 +1,5 @@
-//! Sensors that are read while a run waits for the operator. One of them is a TCP sender that fails in each
-//! way.
+//! Tests of sensors that are read while a run waits for the operator. One sensor is a TCP sender with several kinds of
+//! failure.
 
 use std::io::Write as _;
 use std::net::{SocketAddr, TcpListener};
@@ -56,7 +56,7 @@ fn machine_with_sensor(address: SocketAddr) -> MachineFile {
     MachineFile::parse("shop.toml", text.replacen(simulated, &serial, 1)).unwrap()
 }
 
-/// The signal that the sensor has shown, and the signal to send next.
+/// The signal that the live value results from, and the signal to send next.
 fn shown_and_next_signal(x1: &LiveSensorValue) -> Option<(SensorSignal, SensorSignal)> {
     match (x1.value_mm, x1.failure.as_deref()) {
         (Some(0.04), None) => Some((SensorSignal::Distance, SensorSignal::NoEcho)),
@@ -109,7 +109,7 @@ async fn sensor_failures_are_shown_and_do_not_end_a_prompt() {
         [SensorSignal::Distance, SensorSignal::NoEcho, SensorSignal::Silent, SensorSignal::ConnectionClosed]
     );
     assert!(kept.windows(2).all(|pair| pair[0] == pair[1]), "the journal has grown: {kept:?}");
-    // The turn needs the sensor.
+    // After the answer the run fails, because the turn needs the failed sensor.
     let failed = ended.unwrap_err();
     assert!(!failed.is_requested_stop() && failed.to_string().contains("x1"), "{failed}");
     let stored = journal.load_run(id).unwrap();

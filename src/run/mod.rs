@@ -170,7 +170,7 @@ impl<'a> Run<'a> {
         let steps = self.rehearse().await?;
         self.check_positions_available_in_motion(&steps)?;
         self.check_operator_available(first_prompt_text(&steps))?;
-        // The method refuses a plan before the first motion.
+        // If the method refuses the plan, the run ends before the first motion.
         self.next_stage(&[])?;
         let planned = Plan { steps, ..self.plan.clone() };
         for text in self.method.forecast(&planned, self.remaining_stages.total_machine_time_s())? {
@@ -233,7 +233,7 @@ impl<'a> Run<'a> {
     async fn report_sample_counts(&mut self) -> Result<(), RunError> {
         let mut messages = Vec::new();
         for sensor in &self.open_sensors {
-            // A sensor that has failed since then was reported where it was needed.
+            // An error is ignored here: the step that needed a failed sensor has reported the failure.
             let tally = sensor.sample_counters().await.unwrap_or_default();
             messages.extend((tally.received_count > 0).then(|| format!("{}: {tally}", sensor.name())));
         }
@@ -272,8 +272,8 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Journals how the run ended. If the journal itself has failed, its own error is reported instead, and
-    /// there is nowhere to write.
+    /// Journals the error that ended the run. A failure of the journal is ignored here: the caller reports `error`, and
+    /// nothing more can be stored.
     async fn journal_end_by_error(&mut self, error: &RunError) {
         let event = match error {
             _ if error.is_requested_stop() => RunEvent::Held { reason: error.to_string() },

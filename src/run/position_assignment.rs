@@ -10,12 +10,12 @@ pub(super) const REST_TOLERANCE_MM_OR_RAD: f64 = 0.002;
 /// Maximum ratio of the sensor's rate to the planned rate at which no sample is left out.
 const MAX_UNTHINNED_RATE_RATIO: f64 = 1.02;
 const RATE_WINDOW_SAMPLES: usize = 50;
-/// Maximum distance at which a stamped path has reached a point, mm or rad: the axes lag behind their commands
-/// and stop at the points.
+/// Maximum distance from a path point, mm or rad, at which the reported path counts as having reached the point: the
+/// axes lag behind their commands and stop at the points.
 const PATH_POINT_TOLERANCE_MM_OR_RAD: f64 = 0.2;
 
-/// Reason why a track does not cover all of `path`, or `None` if it does. Without this check, missing samples
-/// beyond its ends would not be noticed.
+/// Reason why a track does not cover all of `path`, or `None` if it does. Without this check, samples
+/// missing beyond the ends of the track would not be detected.
 pub(super) fn reason_for_uncovered_path(track: &AxisTrack, path: &[Position]) -> Option<String> {
     let reached = track.reached_point_count(path, PATH_POINT_TOLERANCE_MM_OR_RAD);
     (reached < path.len())
@@ -48,7 +48,7 @@ pub(super) fn limit_sample_rate(samples: &[(Sample, Option<Position>)], rate_hz:
     let keep = kept_share(samples, rate_hz);
     let mut due = 1.0;
     for (sample, position) in samples {
-        // Chosen by number and not by time, as sample times have jitter.
+        // Samples are selected by number and not by time, because sample times have jitter.
         due += keep * (1.0 + f64::from(sample.lost_before_count));
         if due < 1.0 {
             placed.dropped_by_rate_count += 1;
@@ -153,8 +153,8 @@ mod tests {
         assert!(assign_positions(&evenly_timed_samples(), &still, 1000.0).samples.is_empty());
     }
 
-    /// A counter that wraps reports tens of thousands of missing samples. No other sample is lost because of
-    /// it.
+    /// A counter that wraps reports tens of thousands of missing samples. This number must not
+    /// cause the loss of other samples.
     #[test]
     fn implausible_lost_counts_do_not_change_the_thinning() {
         let mut samples = evenly_timed_samples();

@@ -21,7 +21,7 @@ const ANSWER_POLL_PERIOD: Duration = Duration::from_millis(50);
 /// Minimum time between two readings of the watched sensors.
 const MIN_LIVE_VALUES_INTERVAL: Duration = Duration::from_millis(250);
 
-/// Prompt text, and its step and repeat in the plan.
+/// Prompt without an answer: its text, and its step and repeat in the plan.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpenPrompt {
     pub step_id: u32,
@@ -36,7 +36,7 @@ type PollAnswer = dyn Fn(&OpenPrompt) -> Option<String> + Send + Sync;
 pub struct PromptAnswerSource(Option<Arc<PollAnswer>>);
 
 impl PromptAnswerSource {
-    /// `poll` is polled while the run waits and must not block. It returns the name of the person who has
+    /// `poll` is called repeatedly while the run waits, and must not block. It returns the name of the person who has
     /// confirmed the prompt, or `None` before that.
     pub fn new(poll: impl Fn(&OpenPrompt) -> Option<String> + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(poll)))
@@ -47,7 +47,7 @@ impl PromptAnswerSource {
         Self(None)
     }
 
-    /// The answer, if there is one yet.
+    /// Name of the person who has confirmed the prompt; `None` before the confirmation.
     pub fn poll(&self, prompt: &OpenPrompt) -> Option<String> {
         self.0.as_ref().and_then(|poll| poll(prompt))
     }

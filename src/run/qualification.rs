@@ -10,7 +10,7 @@ use machine::record::plan::Plan;
 use methods::Method;
 use methods::identification::probe_map::PROBE_QUALIFICATION_METHOD_NAME;
 
-/// Reason why a run does not begin.
+/// Reason why a run does not begin: the required qualification of the probe is missing or not valid.
 #[derive(Debug, thiserror::Error)]
 pub enum QualificationError {
     #[error("[probe] qualified_within_days requires a qualification of the probe, but the journal contains none")]
@@ -18,8 +18,8 @@ pub enum QualificationError {
     #[error("the qualification of the probe is {days:.1} days old; the limit is qualified_within_days = {most}")]
     Expired { days: f64, most: f64 },
     #[error(
-        "--with contains a qualification of the probe, but [probe] qualified_within_days already uses the \
-        newest one of the journal"
+        "--with contains a qualification of the probe, but with [probe] qualified_within_days the run uses the \
+        newest qualification in the journal"
     )]
     AlreadyAmongPriors,
     #[error(
@@ -44,7 +44,8 @@ impl QualificationError {
             }
             Self::Missing | Self::Expired { .. } | Self::OtherProbe => {
                 format!(
-                    "run `trued run {PROBE_QUALIFICATION_METHOD_NAME}` with a precision sphere, then this run again"
+                    "run `trued run {PROBE_QUALIFICATION_METHOD_NAME}` with a precision sphere, then start this run \
+                     again"
                 )
             }
         }
@@ -162,7 +163,7 @@ mod tests {
         let late = now + (31 * 24).hours();
         assert!(matches!(ask(&plan, late), Err(QualificationError::Expired { days, .. }) if days > 30.9));
 
-        // Another declared uncertainty does not make another probe.
+        // A changed declared uncertainty still describes the same probe.
         plan.probe.repeatability_um = Some(0.2);
         assert!(ask(&plan, now).is_ok());
         plan.probe.ball_radius_mm += 0.5;

@@ -1,4 +1,4 @@
-//! Remaining stages of a run, as its rehearsal found them.
+//! Remaining stages of a run, with the machine times from its rehearsal.
 
 /// Rehearsed stages that the run has not begun.
 #[derive(Debug, Default)]
@@ -17,8 +17,8 @@ impl RemainingStages {
         Self { stages }
     }
 
-    /// Removes the stage `name`, which begins, and all stages before it. A stage that was not rehearsed changes
-    /// nothing, for example another round of the rest check or a repeated measurement.
+    /// Removes the stage `name`, which begins now, and all stages before it. Removes none if the stage was not
+    /// rehearsed, for example another round of the rest check or a repeated measurement.
     pub(super) fn remove_up_to_begun_stage(&mut self, name: &str) {
         if let Some(at) = self.stages.iter().position(|stage| stage.name == name) {
             self.stages.drain(..=at);

@@ -39,7 +39,7 @@ pub enum RepeatabilityError {
     Store(#[from] StoreError),
     #[error(transparent)]
     Identification(#[from] IdentificationError),
-    #[error("run {0} has no two complete passes")]
+    #[error("run {0} has fewer than two complete passes")]
     SinglePass(RunId),
     #[error("run {0} has no estimate")]
     NoEstimate(RunId),
@@ -155,8 +155,8 @@ fn results_of_passes(run: &StoredRun) -> Result<Vec<RepetitionResult>, Repeatabi
     passes.into_iter().map(identify_pass).collect()
 }
 
-/// Readings of one pass as those of a run with a single pass: with those of the steps that were measured once, before
-/// the passes.
+/// Readings of one pass, and of the steps that are measured once before the passes, as the readings of a run with a
+/// single pass.
 fn readings_of_pass(readings: &[Reading], repeated_steps: &BTreeSet<u32>, pass: u32) -> Vec<Reading> {
     let is_of_pass = |reading: &&Reading| match repeated_steps.contains(&reading.step) {
         true => reading.repeat == pass,

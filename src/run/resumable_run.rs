@@ -54,7 +54,7 @@ pub enum ResumeRefusal {
 
 impl ResumableRun {
     /// # Errors
-    /// The run is not unfinished, or its machine file or its settings belong to another version.
+    /// The run is not in a resumable state, or its machine file or settings belong to another program version.
     pub fn from_stored(stored: StoredRun) -> Result<Self, ResumeRefusal> {
         check_is_resumable(&stored)?;
         let (machine, method) = setup_of_stored_run(&stored)?;
@@ -81,7 +81,7 @@ impl ResumableRun {
         resume_question(&self.stored_run)
     }
 
-    /// State from which a simulated machine continues.
+    /// Readings and mountings so far, from which a simulated machine continues.
     pub fn earlier_sessions(&self) -> EarlierSessions<'_> {
         let Self { stored_run: stored, confirmed_mountings: mountings, time_since_last_reading_s: elapsed_s, .. } =
             self;
@@ -141,7 +141,7 @@ impl ResumableRun {
     }
 }
 
-/// Question for an interrupted run.
+/// Question to the operator before the interrupted run is resumed.
 pub fn resume_question(stored: &StoredRun) -> ResumeQuestion {
     let position_lost = run_story::may_have_lost_position(stored);
     let confirmation = match position_lost {

@@ -1,5 +1,5 @@
 //! Resuming a run after a stop: an operator has acknowledged the stop, the references are measured again and
-//! compared, and the first touch without a reading follows.
+//! compared, and the run continues with the first touch that has no reading.
 
 use super::timeline::Timeline;
 use super::{Run, RunError};
@@ -54,7 +54,7 @@ impl Run<'_> {
             time_since_last_reading_s: elapsed_s,
         } = interrupted;
         (self.readings, self.answered_prompt_steps_and_repeats) = (readings, answered_prompts);
-        // The last stored sample of several sensors need not be the latest.
+        // With several sensors, the sample stored last is not always the latest in time.
         let last_s = self.readings.iter().map(|reading| reading.t_s).max_by(f64::total_cmp);
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
             return Err(RunError::ReferencesIncompleteBeforeStop);

@@ -43,17 +43,17 @@ impl Run<'_> {
                 self.run_dwells(step, repeat_number, samples, scan_blocks, is_ball_in_nest).await
             }
             Sampling::Continuous { rate_hz, per_revolution } => {
-                // The filter to equal angles needs all samples.
+                // The resampling at equal angles needs all samples.
                 let max_rate_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
                 self.run_scan_in_motion(step, scan, repeat_number, max_rate_hz, scan_blocks, is_ball_in_nest).await
             }
         }
     }
 
-    /// Moves out of the sensors' range, as long as no scan has confirmed the position of the machine: first up,
-    /// then to a position where no declared body is within the range of a sensor in the spindle and the ball is
-    /// outside the range of a sensor on the table. A distance during or after that last motion means that a
-    /// body is not at its stated position; the machine is held.
+    /// While no scan has confirmed the position of the machine, moves out of the sensors' range: first up, then to a
+    /// position where no declared body is within the range of a sensor in the spindle and the ball is outside the range
+    /// of a sensor on the table. A distance during or after the last of these motions means that a body is not at its
+    /// stated position; the machine is then held.
     async fn leave_sensor_range(&mut self, step: &Step, blocks: Vec<ProvenBlock>) -> Result<(), RunError> {
         let moving = self.step_sensors_on(step, &[SensorMount::Spindle, SensorMount::Table]);
         let moving: Vec<String> = moving.into_iter().map(|sensor| sensor.name).collect();

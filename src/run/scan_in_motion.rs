@@ -152,7 +152,7 @@ impl Run<'_> {
         })
     }
 
-    /// Channels of the sensors of `step`, before the axes start.
+    /// Empty channels for the sensors of `step`, with a sample at rest where encoder counts give the positions.
     async fn open_sensor_channels(&self, step: &Step, scan: &Scan) -> Result<Vec<SensorChannel>, RunError> {
         let scales: Vec<_> = step.sensors.iter().map(|name| self.path_encoder(scan, name)).collect();
         let firsts: Vec<Option<Sample>> = match scales.iter().any(Option::is_some) {
@@ -286,7 +286,7 @@ async fn wait_for_encoder_rest(channels: &mut [SensorChannel], kept: &mut [mpsc:
             channel.append_received(kept);
             let newest = channel.samples.get(*size..).unwrap_or_default();
             is_at_rest &= channel.is_at_rest(newest);
-            // Two samples of a slow sensor take longer than one period.
+            // A slow sensor needs more than one period for two samples.
             if newest.len() > 1 {
                 *size = channel.samples.len();
             }
@@ -301,8 +301,8 @@ fn scan_in_motion_failed(step: &Step, why: &str) -> RunError {
     RunError::ScanInMotionFailed { step: step.id, why: why.to_owned() }
 }
 
-/// Condition that accepts distances, and the channel to which it sends them. A full channel (`capacity` unread samples)
-/// rejects the next sample too, and so holds the machine.
+/// Condition that accepts distances only, and the channel to which the condition sends them. When the channel is full
+/// (`capacity` unread samples), the condition rejects the next sample, which holds the machine.
 fn buffering_condition(capacity: usize) -> (SampleCondition, mpsc::Receiver<Sample>) {
     let (sender, receiver) = mpsc::channel(capacity);
     let keep = move |sample: &Sample| is_distance(sample) && sender.try_send(*sample).is_ok();

@@ -1,5 +1,5 @@
-//! Temperatures at the time of a reading. Thermometers are read in parallel to the run, which waits for none
-//! and continues without those that do not answer.
+//! Temperatures at the time of a reading. Thermometers are polled in parallel with the run. A reading waits for no
+//! thermometer, and the run continues without the temperatures of thermometers that do not reply.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +25,8 @@ impl TemperatureLog {
         self.poller = Some(watch);
     }
 
-    /// Temperatures at a reading, and the cause for each thermometer that does not answer for the first time.
+    /// Temperatures at a reading, and the name and the reason for each thermometer that misses a reading for the first
+    /// time in the run.
     fn count_reading_and_get_temperatures(&mut self) -> (Temperatures, Vec<(String, String)>) {
         let Self { poller: watch, reading_count: readings, reading_counts_without_temperature: counts } = self;
         *readings += 1;
@@ -58,7 +59,7 @@ impl Run<'_> {
         Ok(temperatures)
     }
 
-    /// Reports how many readings each thermometer has missed, if any: it may have answered again later.
+    /// Reports for each thermometer how many readings have no temperature, also if the thermometer replied again later.
     pub(super) async fn report_missing_temperatures(&mut self) -> Result<(), RunError> {
         let TemperatureLog { reading_count: readings, reading_counts_without_temperature: counts, .. } =
             &self.temperature_log;

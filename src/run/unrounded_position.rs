@@ -1,10 +1,10 @@
-//! Position of the machine at a point when the control displays it in coarse steps.
+//! Position of the machine at rest at a commanded point, for a control that rounds its reported positions.
 
 use machine::{Axis, Position};
 
-/// Step of the position display of such controls: a thousandth, mm or degrees.
+/// Step of the position display of a control that rounds, mm or degrees.
 const CONTROL_DISPLAY_STEP_MM_OR_DEG: f64 = 1e-3;
-/// Maximum distance to a multiple of the step, in steps: the error of binary rounding.
+/// Maximum distance to a multiple of the display step, in display steps: the error of binary rounding.
 const ROUNDING_TOLERANCE_DISPLAY_STEPS: f64 = 1e-6;
 /// Maximum difference from the commanded position, in steps: half a step plus the rounding of the written
 /// command.

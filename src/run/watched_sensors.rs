@@ -133,7 +133,7 @@ impl Run<'_> {
             accepted = accepted.and(end_sensor_watch(step, sensor).await);
         }
         match executed {
-            // The control's own error comes first, unless it is the hold that a sensor has requested.
+            // An error of the control is returned first, except a halt, which a rejected sample may have requested.
             Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
             executed => accepted.and(executed.map_err(RunError::from)),
         }

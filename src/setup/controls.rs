@@ -40,7 +40,7 @@ pub fn control_kinds() -> Vec<&'static str> {
     kinds
 }
 
-/// The hints of all controls that have one.
+/// Hints of all controls that have the hint that `hint` selects, separated by `; `.
 pub fn control_hints(hint: fn(&ControlDescription) -> Option<&'static str>) -> String {
     CONTROL_DESCRIPTIONS.iter().filter_map(hint).collect::<Vec<_>>().join("; ")
 }

@@ -25,7 +25,7 @@ pub struct Devices {
     pub thermometers: Thermometers,
     /// Dialect of the control; every stage is rendered in it and read back before any motion.
     pub dialect: Dialect,
-    /// Clock for readings that the control does not stamp.
+    /// Clock for readings that the control does not time-stamp.
     pub clock: Arc<dyn Clock>,
     /// The simulated world, if the machine is simulated.
     simulated_world: Option<Arc<Mutex<SimulatedWorld>>>,
@@ -34,8 +34,8 @@ pub struct Devices {
 }
 
 impl Devices {
-    /// Devices with a control that is open already; readings that it does not stamp are timed by the host's
-    /// clock.
+    /// Devices with a control that is already open. The clock of this computer times the readings that the control does
+    /// not time-stamp.
     pub fn new(controller: Controller, dialect: Dialect) -> Self {
         Self::with_clock(controller, dialect, Arc::new(HostClock::start()))
     }
@@ -85,9 +85,8 @@ pub struct EarlierSessions<'a> {
     pub time_since_last_reading_s: f64,
 }
 
-/// Renders the head and foot of the programs for `machine`'s control, which set its modes, and proves that they move
-/// nothing. `result_log`: file to which the control
-/// writes its results, if it has one.
+/// Renders the program header and footer that set the modes of the control of `machine`, and proves that they contain
+/// no motion. `result_log`: file to which the control writes its results, if it has one.
 ///
 /// # Errors
 /// The text cannot be rendered or proven.

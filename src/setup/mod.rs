@@ -71,7 +71,7 @@ pub fn configure_method_and_plan_without_steps(
     Ok((methods::with_prompts(method, prompts), plan))
 }
 
-/// A plan without steps for the machine and its artefact; `purpose` is the name of the purpose.
+/// A plan without steps for the machine and its artefact. `purpose`: name of the method, or `check` for a jog.
 pub fn plan_without_steps(file: &MachineFile, purpose: &str, settings: serde_json::Value) -> Plan {
     Plan {
         trued_plan: PLAN_VERSION,

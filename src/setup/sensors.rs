@@ -10,7 +10,7 @@ use link::clock::HostClock;
 use link::{Clock, LinkMode, SensorRequestCapture, SharedPorts};
 use simulator::SimulatedWorld;
 
-/// Opens the sensor `name` alone, without its machine. A simulated sensor measures the world before any motion.
+/// Opens the sensor `name` alone, without its machine. A simulated sensor measures the initial simulated world.
 /// Call inside a tokio runtime.
 ///
 /// # Errors
@@ -36,7 +36,7 @@ pub struct SensorOpener {
 }
 
 impl SensorOpener {
-    /// For the sensors of these entries, which `open` opens later; simulated ones measure `world`.
+    /// Opener for the sensors of `entries`; no sensor is opened yet. Simulated sensors measure `world`.
     pub(super) fn new(
         entries: &[SensorEntry],
         encoder: Option<AxisEncoder>,
@@ -47,7 +47,7 @@ impl SensorOpener {
         Self { entries: entries.to_vec(), encoder, clock, world, link_mode: wiring, ports }
     }
 
-    /// Meaning of the counts in the samples of the sensor `name`; `None`: they contain no counts.
+    /// Scale of the encoder counts in the samples of the sensor `name`; `None`: the samples contain no counts.
     pub fn encoder_scale(&self, name: &str) -> Option<EncoderScale> {
         let entry = self.entry(name)?;
         Some(EncoderScale { encoder: self.encoder?, wrap_count: entry.connection.encoder_wrap_count()? })

@@ -1,4 +1,4 @@
-//! Several sensors on one port: combinations that the machine file refuses, and the others over a
+//! Tests of several sensors on one port: combinations that the machine file refuses, and accepted combinations over a
 //! pseudo-terminal.
 
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use machine::record::reading::ReadingFlag;
 use simulator::SensorOutput;
 use simulator::sensor_devices::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_tcp};
 
-/// A sensor entry; `reached` is the table of its interface.
+/// A sensor entry; `reached` is the TOML table of its interface.
 fn parse_sensor_entry(name: &str, reached: &str) -> SensorEntry {
     let keys = "zero_mm = [0, 0, 0]\ndirection = [1, 0, 0]\nrange_mm = [-1, 1]\n";
     toml::from_str(&format!("name = \"{name}\"\n{keys}{reached}")).unwrap()

@@ -1,4 +1,4 @@
-//! Runs on the simulated control; the calls to its driver are counted.
+//! Runs on the simulated control; the calls to its driver are logged.
 
 mod prompt_runs;
 mod time_left;
@@ -16,7 +16,7 @@ use planning::proof::ProvenBlock;
 
 type CallLog = Arc<Mutex<Vec<&'static str>>>;
 
-/// Counts the calls to the inner control.
+/// Logs the calls to the inner control.
 struct CallLoggingController {
     inner: Controller,
     calls: CallLog,

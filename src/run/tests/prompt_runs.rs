@@ -88,7 +88,7 @@ async fn nothing_is_sent_before_the_answer_and_then_the_state_is_read_again() {
     };
     let (ended, stored) = shop.run_method(method.as_ref(), answers, told).await;
     ended.unwrap();
-    // Prompted, polled three times, answered; twice. Until then the control received only `prepare`.
+    // For each of the two prompts: prompt, three polls, answer. Until then the control received only `prepare`.
     assert_eq!(*seen.lock().unwrap(), ["prepare"; 10]);
     // The operator was at the machine, so the control is prepared again.
     assert_eq!(shop.calls()[..3], ["prepare", "prepare", "execute"]);

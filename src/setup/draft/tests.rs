@@ -86,7 +86,7 @@ fn reported_axis_sense_is_used_and_unreported_is_marked() {
     let senses = [Axis::B, Axis::C].map(|axis| file.machine.axes[&axis].positive);
     assert_eq!(senses, [AxisSense::Iso, AxisSense::Reversed]);
     assert_eq!(text.matches("# reported: sense of this axis in the kinematics of the control.").count(), 1);
-    assert_eq!(text.matches("The control does not report it;").count(), 1, "{text}");
+    assert_eq!(text.matches("The control does not report this sense;").count(), 1, "{text}");
 }
 
 #[test]

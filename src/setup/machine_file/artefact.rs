@@ -22,7 +22,7 @@ const BALL_PLACEMENT_KEYS: [&str; 2] = ["origin_mm", "turned_deg"];
 /// Source of the artefact's data outside the text of a machine file.
 #[derive(Debug, Clone, Copy)]
 pub enum ArtefactSource<'a> {
-    /// The text names no file; one that does is refused.
+    /// No file outside the text is read; a text that names such a file is refused.
     TextOnly,
     /// The files that the text names, e.g. a table of balls, are in this folder.
     FolderOfMachineFile(&'a Path),

@@ -21,7 +21,8 @@ const ASSUMED_TEMPERATURE_STD_U_K: f64 = 2.0;
 /// Thermal expansion of steel, assumed where the file states no expansion.
 const ASSUMED_EXPANSION_UM_PER_M_K: f64 = 11.5;
 
-/// Fills in what `[machine]`, `[axes]` and `[probe]` do not state. Returns the keys, e.g. `axes.X.backlash_um`.
+/// Sets each value that `[machine]`, `[axes]` and `[probe]` do not state to its assumed value. Returns the keys of
+/// these values, e.g. `axes.X.backlash_um`.
 ///
 /// # Errors
 /// The text cannot be read.

@@ -49,7 +49,7 @@ pub fn parse_ball_csv(
     let mut record = csv::StringRecord::new();
     loop {
         let more = rows.read_record(&mut record);
-        // The position of a record is the position of the comments before it.
+        // The csv reader gives the start of the comments before a record as the position of the record.
         let lines_read = rows.position().line() as usize;
         let line = lines_read.saturating_sub(1).max(1);
         match more {

@@ -117,7 +117,7 @@ fn invalid_balls_are_refused_with_their_line() {
         0,
         "`stem_length_mm` in [artefact.balls] is 6; the length is measured from the centre of the ball",
     );
-    // The square of the last one is infinite.
+    // The squared length of the last direction overflows to infinity.
     for stem in ["[0.0, 0.0, 0.0]", "[1e200, 0.0, 0.0]"] {
         let said = "`stem` in [artefact.balls] must be a direction";
         assert_refused("stem = [0.0, 0.0, -1.0]", &format!("stem = {stem}"), 0, said);
@@ -301,7 +301,7 @@ fn ball_table_file_is_refused_for_a_cylinder() {
     assert!(message.contains("unknown key `file` in [artefact]"), "{message}");
 }
 
-/// By hand: a quarter turn takes (x, y) to (−y, x).
+/// Calculated by hand: a quarter turn rotates (x, y) to (−y, x).
 #[test]
 fn artefact_origin_and_turn_apply_to_ball_centres_and_stems() {
     let at = "kind = \"balls\"\n";

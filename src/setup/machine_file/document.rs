@@ -1,7 +1,7 @@
 //! Text of a TOML file that a person writes: finds sections and lines, and adds the location to errors.
 //!
-//! The text is parsed again for each query. It has a few kilobytes; in return no value borrows from it for
-//! longer than one call.
+//! The text is parsed again for each query. This is fast, because the text has only a few kilobytes, and no value needs
+//! to borrow from the text for longer than one call.
 
 use std::path::Path;
 

@@ -21,8 +21,8 @@ pub struct AxisEncoder {
 /// The encoder of the machine file; `None` without `[encoder]`.
 ///
 /// # Errors
-/// An axis that does not turn, zero counts, an encoder without a sensor that transmits its count, or such a
-/// sensor without an encoder.
+/// An axis that does not turn, zero counts, `[encoder]` without a sensor that transmits a count, or a sensor that
+/// transmits a count without `[encoder]`.
 pub fn read_encoder(
     document: &TomlDocument,
     machine: &Machine,

@@ -1,4 +1,4 @@
-//! Arbitrary text as a machine file.
+//! Fuzz tests of the parsers of machine files and ball tables.
 
 use super::{MachineFile, balls_csv};
 use crate::setup;

@@ -1,6 +1,6 @@
-//! A serde deserializer of a parsed TOML value whose error keeps the key at fault, the known keys and the
-//! location in the text; toml's own error has them in one sentence only. A number that is not finite is refused
-//! here, so that none can enter the program.
+//! A serde deserializer of a parsed TOML value. Its error contains the key at fault, the known keys and the location in
+//! the text as separate fields; the error of `toml` has them only in its message. A number that is not finite is
+//! refused here, so that the program contains finite numbers only.
 
 use std::borrow::Cow;
 use std::fmt;

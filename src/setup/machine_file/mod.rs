@@ -79,7 +79,7 @@ pub struct MachineFile {
     pub machine: Machine,
     /// Configuration of the control, from `[controller]`.
     pub controller_section: ControllerTable,
-    /// Values of the control that compensate measured errors, as the file describes them.
+    /// Compensation values of the control, one entry for each `[compensation.KIND]`.
     pub compensation: Vec<CompensationConfig>,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
@@ -187,7 +187,7 @@ impl MachineFile {
         self.document.deserialize_required_section(&["serve"])
     }
 
-    /// `[[simulated.fault]]` in the keys of the simulated control; no faults if the file has none.
+    /// Faults of the simulated control, from `[[simulated.fault]]`; empty if the file states none.
     pub fn simulated_faults(&self, control: &SimulatedControlConfig) -> Result<SimulatedFaults, MachineFileError> {
         let faults = self.document.read_section(&["simulated", "fault"], |list| control.read_faults(list))?;
         Ok(faults.unwrap_or_default())

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::document::TomlDocument;
 use super::error::MachineFileError;
 
-/// Maximum length of a prompt, characters: longer texts are not read at a machine.
+/// Maximum length of a prompt, characters: operators do not read longer texts.
 const MAX_PROMPT_CHARS: usize = 200;
 
 /// A prompt as `[[prompt]]` states it.
@@ -52,8 +52,8 @@ fn zero_mark_prompt(axis: Axis) -> MachineFilePrompt {
     MachineFilePrompt { text, methods: None }
 }
 
-/// Prompt before a method with displacement sensors, if an operator is present. Contact does not stop the
-/// machine then, and no control knows the position of a sensor.
+/// Prompt before a method with displacement sensors; `None` without sensors. The sensors replace the probe: a contact
+/// does not stop the machine, and the control does not report the position of a sensor.
 pub fn sensor_prompt(sensors: &[&Sensor]) -> Option<String> {
     let places = [
         (SensorMount::Spindle, "in the spindle"),

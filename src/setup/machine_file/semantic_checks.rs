@@ -21,7 +21,7 @@ pub fn check_machine(document: &TomlDocument, machine: &Machine) -> CheckResult 
 
 pub fn check_probe(document: &TomlDocument, probe: &Probe) -> CheckResult {
     document.require_positive(&["probe", "ball_radius_mm"], probe.ball_radius_mm)?;
-    // Zero would be an infinite weight; an unknown value is stated by leaving the key out.
+    // A repeatability of 0 would give an infinite weight. If the value is unknown, the key is omitted.
     document.require_positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
     document.require_not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
     document.require_harmonic_orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
@@ -153,7 +153,7 @@ impl TomlDocument {
         self.require(sound, key, "must list harmonic orders from 2 to 100, each once")
     }
 
-    /// Checks a waiting time: from 0 to 10 s, so that the control does not seem dead.
+    /// Checks a waiting time: from 0 to 10 s, so that the wait is not mistaken for a failure of the control.
     fn require_wait_time(&self, key: &[&str], seconds: f64) -> CheckResult {
         let why = format!("is {seconds}; it must be from 0 to 10 s");
         self.require((0.0..=10.0).contains(&seconds), key, &why)
@@ -192,7 +192,7 @@ impl TomlDocument {
     }
 
     /// Checks that every moving axis of the topology has limits, and that there are no limits for other axes: a
-    /// mistyped axis would leave the true axis without limits. The spindle needs none.
+    /// mistyped axis would leave the true axis without limits. The spindle S needs no limits.
     fn check_axes_of_topology(&self, machine: &Machine) -> CheckResult {
         let named = topology_axes(&machine.topology);
         let topology = &machine.topology;

@@ -44,7 +44,7 @@ impl SensorConnection {
         }
     }
 
-    /// Location of the sensor, for display.
+    /// Address of the sensor (port, host or bus), for display; `simulated` for a simulated sensor.
     pub fn describe_address(&self) -> String {
         match self {
             Self::Simulated(_) => "simulated".to_owned(),

@@ -108,7 +108,7 @@ impl fmt::Display for SimulatedControlServer {
 }
 
 impl SimulatedControlServer {
-    /// `[controller]` for a real control with the same connection.
+    /// Keys of `[controller]` for a machine file that connects to this server as to a real control.
     pub fn controller_toml(&self) -> String {
         format!("kind = \"{}\"\n{}", self.control_kind(), self.driver_keys_toml())
     }
@@ -182,7 +182,7 @@ impl TryFrom<ControlKeys> for SimulatedControlConfig {
 }
 
 impl SimulatedControlConfig {
-    /// Dialect of the control, which orients its spindle.
+    /// Dialect of the simulated control: grbl with spindle orientation (M19).
     pub fn dialect(&self) -> &'static str {
         "grbl-m19"
     }
@@ -254,7 +254,7 @@ impl SimulatedControlConfig {
             return self
                 .serve_on_pty(|pty| async move { drop(controls::modbus::serve_rtu(firmware, pty.device).await) });
         }
-        let fault = |source: io::Error| LinkError::OpenFailed { address: "a port of its own".to_owned(), source };
+        let fault = |source: io::Error| LinkError::OpenFailed { address: "a new local TCP port".to_owned(), source };
         let (listener, address) = listen_locally().map_err(fault)?;
         let serve = async move { drop(controls::modbus::serve_tcp(firmware, listener).await) };
         Ok(SimulatedControlServer { address, protocol: self.protocol, task: tokio::spawn(serve) })
@@ -273,7 +273,7 @@ impl SimulatedControlConfig {
     ) -> Result<SimulatedControlServer, ControllerError> {
         if self.protocol != ControlProtocol::Grbl {
             return Err(ControllerError::UnsupportedByControl {
-                reason: "a faulty link cannot be simulated for Modbus, because Modbus has no lines".to_owned(),
+                reason: "a faulty link cannot be simulated for Modbus, because Modbus has no lines of text".to_owned(),
                 remedy: "use [[simulated.fault]] instead (late, lost, torn, cut ...)".to_owned(),
             });
         }

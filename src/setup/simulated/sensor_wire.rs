@@ -77,8 +77,8 @@ pub async fn start_serial_sensor(
     serial
 }
 
-/// Starts a sensor behind registers with `rate_hz` samples per second, and its driver. Call inside a tokio
-/// runtime.
+/// Starts a simulated sensor with Modbus registers and `rate_hz` samples per second, and opens its driver. Call inside
+/// a tokio runtime.
 ///
 /// # Errors
 /// The wire or the driver cannot be opened.
