@@ -1,4 +1,4 @@
-//! The command line. Everything is in the library.
+//! Entry point of the program. The code is in the library.
 
 use std::process::ExitCode;
 

@@ -67,10 +67,10 @@ pub enum Command {
     Show(ShowArgs),
     /// Compare the estimates of two stored runs: differences, their U, and E_n (ISO 13528).
     Compare(CompareArgs),
-    /// Combine stored runs of one machine into one estimate, and test whether they agree. It is stored as the estimate
-    /// of the newest run.
+    /// Combine stored runs of one machine into one estimate, and test whether the runs agree. The combined estimate is
+    /// stored as the estimate of the newest run.
     Combine(CombineArgs),
-    /// Correct the control by a stored run: propose, write, undo.
+    /// Compensate errors of a stored run in the control: propose, write, undo.
     Compensate(CompensateArgs),
     /// Scatter and drift of repeated measurements: the passes of one run, or several runs.
     Repeatability(RepeatabilityArgs),
@@ -168,7 +168,7 @@ pub struct ServeArgs {
     /// controls the simulated machine, with its page at 127.0.0.1:8137.
     #[arg(long, value_name = "FILE", conflicts_with = "config")]
     pub machine: Option<PathBuf>,
-    /// Read every file and rehearse every cycle, then exit; no device is opened.
+    /// Read every file, plan and collision-check every cycle, then exit; no device is opened.
     #[arg(long)]
     pub check: bool,
     /// Speed of the simulated machine; without effect on a real machine.
@@ -191,8 +191,8 @@ pub struct ResumeArgs {
     /// Confirm that all axes were homed after the stop; required if the control may have lost its position.
     #[arg(long, requires = "acknowledge")]
     pub homed: bool,
-    /// Machine file for comparison with the one of the run; the command fails if they differ. The run always
-    /// uses its stored machine file.
+    /// Machine file for comparison with the machine file stored with the run; the command fails if they differ. The run
+    /// always uses its stored machine file.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     #[command(flatten)]
@@ -231,7 +231,8 @@ pub struct IdentifyArgs {
     /// Plan of the readings; without it, the plan that follows from the machine file.
     #[arg(long, value_name = "FILE.json")]
     pub plan: Option<PathBuf>,
-    /// Machine file with the tolerances; without it, the one of the run, or the built-in machine of the method.
+    /// Machine file with the tolerances; without it, the machine file of the run, or the built-in machine of the
+    /// method.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     /// Earlier estimates; their values and uncertainties are used as known parameters, instead of the

@@ -50,7 +50,7 @@ pub enum ArtefactCommand {
 }
 
 fn parse_date(text: &str) -> Result<Date, String> {
-    Date::strptime("%Y-%m-%d", text).map_err(|_| "it is not a date of the form YYYY-MM-DD".to_owned())
+    Date::strptime("%Y-%m-%d", text).map_err(|_| "the value is not a date of the form YYYY-MM-DD".to_owned())
 }
 
 pub fn artefact_command(args: &ArtefactArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
@@ -102,11 +102,11 @@ fn print_artefacts(artefacts: &[RegisteredArtefact], today: Date) {
     }
 }
 
-/// Data of the report of the machine file, with the certificate of a registered artefact. Without a known state
+/// Report data of the machine file, completed with the certificate of a registered artefact. Without a known state
 /// folder there is no register.
 ///
 /// # Errors
-/// The machine file states the certificate of a registered artefact as well, or the register cannot be read.
+/// Both the machine file and the register state a certificate of the artefact, or the register cannot be read.
 pub fn complete_report_data(stated: &ReportData, state: Option<&Path>) -> Result<ReportData, ArtefactRegisterError> {
     match state_dir(state) {
         Some(folder) => ArtefactRegister::in_folder(&folder).complete_report_data(stated),

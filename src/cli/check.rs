@@ -16,7 +16,7 @@ use crate::commissioning::{
 use crate::setup::{self, ReopenableMachine};
 use crate::store::{ArtefactRegister, Journal, MachineLock};
 
-/// Name of a method for loading the machine file; any method would do.
+/// Method name for loading the machine file. The choice of the method has no effect on the check.
 const PLACEHOLDER_METHOD: &str = "self-calibration";
 
 pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {

@@ -51,8 +51,8 @@ fn print_combination(combination: &Combination) {
     outln!("verdict: {}", estimate.verdict);
     match runs.last().filter(|_| consistency.is_consistent()) {
         Some(newest) => outln!(
-            "stored as the estimate of run {newest}, to which no earlier signature applies; `trued identify {} --run \
-             {newest}` gives back its own",
+            "stored as the estimate of run {newest}; earlier signatures of run {newest} do not apply to this estimate. \
+            `trued identify {} --run {newest}` computes the estimate of the single run again",
             estimate.method
         ),
         None => outln!("not stored: each run keeps its estimate"),

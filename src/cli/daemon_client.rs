@@ -23,9 +23,9 @@ use machine::record::event::RunEvent;
 
 /// Polling period of the daemon's state.
 const POLL_PERIOD: Duration = Duration::from_millis(200);
-/// Timeout of a request; a daemon that does not answer within it has died or hangs.
+/// Timeout of a request. A daemon that does not answer within this time has ended or hangs.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
-/// Environment variable with the token, for a daemon that accepts requests with a token only.
+/// Environment variable with the token, for a daemon that requires a token.
 const TOKEN_VARIABLE: &str = "TRUED_TOKEN";
 
 /// Connection to the daemon that holds a machine.
@@ -146,7 +146,7 @@ impl DaemonClient {
         }
     }
 
-    /// Checks that the daemon uses the same machine file; it keeps the one that it read at its start.
+    /// Checks that the machine file is the same as the one that the daemon read at its start.
     fn check_same_machine_file(&self, args: &RunArgs, machine: &MachineFile) -> Result<(), CommandFailure> {
         if sha256_text(machine.text()) == self.machine_file_sha256 {
             return Ok(());

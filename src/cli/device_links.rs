@@ -55,7 +55,7 @@ impl<'a> DeviceLinks<'a> {
         Ok(devices)
     }
 
-    /// Ends the capture after the run, also after an error, and reports whether it is complete.
+    /// Ends the capture after the run, also after an error, and prints whether the capture is complete.
     ///
     /// # Errors
     /// The error of the run; in a replay with a message for replays.

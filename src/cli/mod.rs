@@ -58,7 +58,7 @@ use self::args::{Cli, Command};
 use self::failure::CommandFailure;
 use machine::record::estimate::Verdict;
 
-/// Exit code of a command (DESIGN, contracts).
+/// Exit code of a command; README.md lists the exit codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ExitStatus {
     Pass = 0,
@@ -79,7 +79,7 @@ impl From<Verdict> for ExitStatus {
     }
 }
 
-/// Runs the program with the arguments of this process. Usage errors end it with code 2.
+/// Runs the program with the arguments of this process. A usage error ends the process with exit code 2.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let state = cli.state.clone();

@@ -57,7 +57,7 @@ impl ProgressDisplay {
                 self.bar.set_message(format!("{label:<12} remaining {left:>5}  {}", self.last_reading_text));
             }
             RunEvent::ReadingStored { reading } => {
-                // The current touch is named by its rotary positions; they are left out here.
+                // The label of the step states the rotary positions: only the linear axes are printed.
                 let edge: Vec<String> = reading
                     .position
                     .iter()
@@ -73,7 +73,7 @@ impl ProgressDisplay {
             }
             // The source of the answer shows the prompt.
             RunEvent::Asked { .. } => self.bar.set_message("waiting for the operator"),
-            // On a terminal only: a log would grow for as long as the operator works.
+            // Displayed on a terminal only: a log file would grow while the operator works.
             RunEvent::Watched { values } => {
                 self.set_template(SENSOR_BAR_TEMPLATE);
                 self.bar.set_message(live_value_lines(values));

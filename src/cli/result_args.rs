@@ -99,7 +99,7 @@ pub struct TargetArgs {
     /// Machine file with the section [compensation].
     #[arg(long, value_name = "FILE")]
     pub machine: PathBuf,
-    /// Key of [compensation], if it has several.
+    /// Key of the section [compensation], if the section has several keys.
     #[arg(long, value_name = "KIND")]
     pub target: Option<String>,
 }
@@ -131,7 +131,7 @@ pub struct ProposeArgs {
 pub struct WriteCompensationArgs {
     #[command(flatten)]
     pub source: ProposalSourceArgs,
-    /// SHA-256 of the proposal that was read.
+    /// SHA-256 of the approved proposal, as printed by `trued compensate propose`.
     #[arg(long, value_name = "SHA256")]
     pub approve: String,
     /// Name of the person who approves.
@@ -161,7 +161,7 @@ pub struct SheetArgs {
 pub struct DecisionArgs {
     #[command(flatten)]
     pub target: TargetArgs,
-    /// Name of the person who decides.
+    /// Name of the person who decides to undo or finish the compensation.
     #[arg(long, value_name = "NAME", value_parser = parse_person_name)]
     pub who: String,
 }
@@ -208,7 +208,7 @@ pub struct ExportArgs {
     /// computed with the nominal machine model.
     #[arg(long, value_enum)]
     pub frame: Option<ExportFrame>,
-    /// Compute these points with the machine errors of this estimate.
+    /// Compute the points of --frame with the machine errors of this estimate.
     #[arg(long, value_name = "EST.json", requires = "frame")]
     pub with: Option<PathBuf>,
 }

@@ -33,7 +33,7 @@ pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<E
     check_report_folder(&args.output)?;
     let links = DeviceLinks::from_options(args.output.capture.as_deref(), args.replay.as_deref())?;
     let folder = links.state_folder(state)?;
-    // The state folder of a replay contains no register: nothing moves, so an expired certificate is no obstacle.
+    // The state folder of a replay contains no register: nothing moves, so an expired certificate is accepted.
     let register = ArtefactRegister::in_folder(&folder);
     plan_without_steps.report = register.report_data_for_run(&machine.report_data, Zoned::now().date())?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name);
@@ -52,7 +52,7 @@ pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<E
     let answers = prompt_answer_source(args, &progress);
     let mut tell = |event: &RunEvent| progress.show_event(event);
     let result = build_runtime()?.block_on(async {
-        // The run begins after its machine is open.
+        // The run begins after the devices are open.
         let opening = open_devices(&machine, args.output.speed, EarlierSessions::default());
         let devices = links.connect(opening).await?;
         start_signal_halt_thread(devices.open_controller.halt_handle())?;

@@ -56,8 +56,8 @@ pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Co
     Ok(ExitStatus::Pass)
 }
 
-/// Present state of a run. A run in state `running` whose machine is held by no process is interrupted; the
-/// next process that acquires the machine writes that to the journal.
+/// Present state of a run. A run in state `running` is interrupted if no process holds the lock of its machine. The
+/// next process that acquires the lock writes the state `interrupted` to the journal.
 fn current_run_state(run: &RunSummary, folder: &Path) -> RunState {
     let is_dead = || MachineLock::holder(folder, &run.machine).is_none();
     match run.state {

@@ -8,8 +8,8 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use super::failure::CommandFailure;
 use devices::controllers::HaltHandle;
 
-/// Holds the machine at a signal, from the return of this call on. A thread of its own receives the signals, so
-/// that a stop does not wait for a computation of the run.
+/// Starts a thread that holds the machine when a signal arrives. Signals are received from the return of this call
+/// on. The thread is separate, so that a stop does not wait for a computation of the run.
 pub fn start_signal_halt_thread(halt: HaltHandle) -> Result<(), CommandFailure> {
     let (ready, is_ready) = channel();
     std::thread::Builder::new()

@@ -1,4 +1,4 @@
-//! `trued simulate`: serves the simulated firmware on a wire of its own, for any program to drive.
+//! `trued simulate`: runs the simulated firmware on a pseudo-terminal or a TCP port, for use by other programs.
 
 use std::io::IsTerminal as _;
 use std::time::Duration;

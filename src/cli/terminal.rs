@@ -12,7 +12,7 @@ use crate::run::{OpenPrompt, PromptAnswerSource};
 use machine::Axis;
 use machine::record::question::{AxisDirection, ObservedMotion, OperatorAnswer, OperatorQuestion};
 
-/// Polling period of a stop while the terminal waits for an answer.
+/// Polling period for a stop request while the terminal waits for an answer.
 const STOP_POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Prints `prompt` and reads a line; empty if standard input is no terminal.
@@ -28,7 +28,7 @@ pub fn prompt_line(prompt: &str) -> std::io::Result<String> {
 /// Lines typed on standard input, read on a thread of their own.
 fn spawn_line_reader() -> Receiver<String> {
     let (line, typed) = channel();
-    // On a thread of its own that is never joined, so that the links stay active meanwhile.
+    // The thread is never joined, so that the device links stay active while it waits for a line.
     std::thread::spawn(move || {
         let mut lines = std::io::stdin().lines().map_while(Result::ok);
         lines.all(|typed| line.send(typed).is_ok())
@@ -64,7 +64,7 @@ fn answers_from_enter_key(
         let (typed, shown) = &mut *state;
         let Some(typed) = typed else {
             // Standard input is read only now: a run without a prompt may run in the background. Lines typed
-            // before the prompt arrive until the next poll.
+            // before the prompt arrive until the next poll, which discards them.
             *typed = Some(listen());
             return None;
         };
@@ -132,7 +132,7 @@ fn parse_yes_no(line: &str) -> Option<OperatorAnswer> {
     }
 }
 
-/// Parses a linear axis with a sign, such as `Z+`, or no. Yes alone is not accepted, as it names no direction.
+/// Parses a linear axis with a sign, such as `Z+`, or `no`. The answer `yes` is not accepted: it names no direction.
 fn parse_retract_direction(line: &str) -> Option<OperatorAnswer> {
     let line = line.to_ascii_uppercase();
     let (letter, is_positive) = match (line.strip_suffix('+'), line.strip_suffix('-')) {

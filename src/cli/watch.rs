@@ -51,7 +51,7 @@ async fn print_samples(sensor: &SensorHandle, at: &str, printer: &mut SamplePrin
 struct SamplePrinter {
     json: bool,
     remaining_samples: Option<u64>,
-    /// Whether the missing signal has been reported; it is reported once.
+    /// Whether the previous sample had no signal. A missing signal is printed once.
     is_signal_missing: bool,
 }
 

@@ -9,7 +9,7 @@ use machine::record::estimate::{CircleFigure, Estimate, EstimatedFunction, Funct
 
 /// Template values of all figures of an estimate: functions first, then circles.
 pub fn figure_values(estimate: &Estimate) -> Vec<Value> {
-    // Functions state u alone; the largest k of the table belongs to the fewest degrees of freedom.
+    // A function has u, but no k of its own. It is drawn with the largest k of the parameters.
     let identified = estimate.parameters.iter().filter(|parameter| parameter.identifiable);
     let k = identified.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0);
     let k = if k.is_finite() { k } else { 2.0 };
@@ -54,7 +54,7 @@ fn histogram_caption(function: &EstimatedFunction) -> String {
     }
 }
 
-/// Height for which a displacement is valid.
+/// Z position for which a displacement is valid.
 fn height_caption(function: &EstimatedFunction) -> String {
     function.at_mm.map(|[_, _, z]| format!(", at Z = {} mm", number::format_fixed(z, 1))).unwrap_or_default()
 }
@@ -65,7 +65,7 @@ fn division_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>) -
     Some(format!("; 1 division = {division}\u{a0}{}", function.unit.symbol()))
 }
 
-/// Mean and eccentricity that a polar figure does not show.
+/// Mean and eccentricity that are removed from a polar figure before drawing.
 fn removed_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> Option<String> {
     let RemovedCircle { mean, eccentricity, direction_deg } = figure.removed?;
     let decimals = number::decimals_for_uncertainty(k * largest_u(function));
@@ -115,7 +115,7 @@ fn circle_figure_values(circle: &CircleFigure) -> Value {
     }
 }
 
-/// Whether a sketch shows errors of the estimate.
+/// Whether the estimate has location errors, which are drawn in a sketch.
 pub fn has_location_errors(estimate: &Estimate) -> bool {
     let symbols: Vec<&str> = estimate.parameters.iter().map(|parameter| parameter.symbol.as_str()).collect();
     !figure::axes_with_location_errors(&symbols).is_empty()

@@ -1,4 +1,4 @@
-//! Summary of the proof: in words, and for each touch or scan.
+//! Summary of the collision proof as table rows, and the clearance of each touch or scan.
 
 use super::number;
 use machine::record::estimate::{EstimatedFunction, FunctionFigureKind, Unit};

@@ -11,11 +11,11 @@ use machine::record::estimate::ParameterCovariance;
 const MIN_LISTED_CORRELATION: f64 = 0.5;
 /// Maximum number of listed pairs.
 const MAX_LISTED_CORRELATIONS: usize = 8;
-/// Minimum number of parameters with a matrix.
+/// Minimum number of parameters for a matrix.
 const MIN_MATRIX_PARAMETERS: usize = 3;
 /// Maximum number of parameters in the matrix; more would not be legible.
 const MAX_MATRIX_PARAMETERS: usize = 15;
-/// Maximum number of parameters with correlations on the page; the estimate file contains all.
+/// Maximum number of parameters for correlations on the page. The estimate file always contains all correlations.
 const MAX_PARAMETERS: usize = 60;
 
 /// Correlation coefficient of two parameters.

@@ -13,7 +13,7 @@ pub struct PreviousRun {
     /// Number and time of that run.
     pub title: String,
     pub differences: Vec<ParameterDifference>,
-    /// Sources of uncertainty with the same value in both runs: they cancel.
+    /// Sources of uncertainty with the same value in both runs. Their effects cancel in the differences.
     pub common_sources: Vec<String>,
     /// Differences other than those of results, in words.
     pub other_differences: Vec<String>,

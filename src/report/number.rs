@@ -46,8 +46,8 @@ fn error_motion_letters(symbol_head: &str) -> Option<&str> {
     is_index.then_some(letters)
 }
 
-/// The sentence with its symbols of errors as [`one_line_symbol`]. Text between backquotes, which a person may type, is
-/// kept.
+/// The sentence with each error symbol in the form of [`one_line_symbol`]. Text between backquotes is unchanged: the
+/// reader may type it as a command.
 pub fn with_one_line_symbols(sentence: &str) -> String {
     let is_part_of_symbol = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
     // A word such as `E12` may be a part of a name.

@@ -72,7 +72,7 @@ pub fn render_result_page(plan: &Plan, estimate: &Estimate, facts: &ReportFacts)
     html_environment().render_str(PAGE_TEMPLATE, values)
 }
 
-/// For templates of whole pages: strict, escaped, with the style.
+/// Template environment of whole pages: undefined values are errors, and HTML is escaped.
 pub(super) fn html_environment() -> Environment<'static> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
@@ -147,7 +147,7 @@ fn same_coverage(rows: &[ResultRow]) -> Option<Value> {
     is_same.then(|| context! { k => first.k.as_str(), dof => first.dof.as_str() })
 }
 
-/// A row of a table; an empty text is not stated.
+/// A row of a table; an empty text is replaced by [`NOT_STATED`].
 fn stated_row(name: &str, text: &str) -> (String, String) {
     (name.to_owned(), if text.is_empty() { NOT_STATED } else { text }.to_owned())
 }
@@ -170,7 +170,7 @@ fn subject_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
     rows
 }
 
-/// When, by whom, how and in which conditions.
+/// Rows for method, times, duration, operators and temperatures.
 fn condition_rows(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> NameTextRows {
     let description = methods::method_description(&plan.method);
     let mut rows = vec![
@@ -202,7 +202,7 @@ fn volume_value(lines: &[String], maps: &[ErrorMap]) -> Value {
     context! { lines => lines.to_vec(), maps => drawn.collect::<Vec<_>>() }
 }
 
-/// Proof of the motions, made before any motion.
+/// Template values of the collision proof, which is made before any motion.
 fn proof_value(plan: &Plan, proofs: &[StageProof]) -> Value {
     context! {
         rows => clearance::clearance_rows(plan, proofs),

@@ -11,7 +11,7 @@ use machine::record::estimate::{Estimate, EstimatedFunction, FunctionFigureKind,
 use machine::record::measurement_check::MeasurementCheck;
 use machine::record::reading::Reading;
 
-/// Minimum number of measurements with a figure.
+/// Minimum number of measurements for a figure.
 const MIN_MEASUREMENTS: usize = 3;
 const SECONDS_PER_MINUTE: f64 = 60.0;
 
@@ -20,7 +20,7 @@ const SECONDS_PER_MINUTE: f64 = 60.0;
 pub struct ResidualFigure {
     /// Residuals over the time, the number of the measurement or the temperature.
     pub function: EstimatedFunction,
-    /// Points (argument, residual) that are candidates of an outlier.
+    /// Points (argument, residual) that are possible outliers.
     pub outlier_points: Vec<[f64; 2]>,
     pub caption: String,
 }
@@ -77,7 +77,7 @@ impl<'a> RunResiduals<'a> {
         (measurements.len() >= MIN_MEASUREMENTS).then_some(Self { readings, measurements })
     }
 
-    /// Over the time since the first reading, or over the number of the measurement if a time is unknown.
+    /// Figure over the time since the first reading, or over the number of the measurement if a time is unknown.
     fn figure_over_time(&self) -> ResidualFigure {
         let begin_s = self.readings.first().map_or(0.0, |first| first.t_s);
         let minutes = |measurement: &MeasurementResidual| Some((measurement.t_s? - begin_s) / SECONDS_PER_MINUTE);
@@ -99,8 +99,8 @@ impl<'a> RunResiduals<'a> {
         }
     }
 
-    /// Temperatures at the readings nearest in time. `None` if the temperature did not change or is known for too few
-    /// measurements.
+    /// Figure over the temperature in the reading nearest in time to each measurement. `None` if the temperature did
+    /// not change or is known for too few measurements.
     fn figure_over_temperature(&self, thermometer: &str) -> Option<ResidualFigure> {
         let of_reading = |reading: &Reading| Some((reading.t_s, reading.temperatures_c.get(thermometer)?));
         let mut by_time: Vec<(f64, f64)> = self.readings.iter().filter_map(of_reading).collect();
@@ -116,7 +116,7 @@ impl<'a> RunResiduals<'a> {
         is_drawn.then(|| self.figure_over(["temperature", "°C"], all.into_iter(), caption))
     }
 
-    /// Points with an argument, in its order. `argument`: name and unit.
+    /// Figure of the measurements with a known argument, sorted by the argument. `argument`: name and unit.
     fn figure_over(
         &self,
         argument: [&str; 2],

@@ -39,7 +39,7 @@ pub struct ResultRow {
     /// Limit of |value|, with sign and without unit: `±10`.
     pub limit: Option<String>,
     pub verdict: Option<Verdict>,
-    /// Word for the verdict: `PASS`, `FAIL` or `UNDECIDED`.
+    /// Word for the verdict, such as `PASS`, `FAIL` or `UNDECIDED (model)`.
     pub verdict_word: Option<&'static str>,
     /// Probability of conformity, with its unit.
     pub conformance: Option<String>,
@@ -182,7 +182,7 @@ pub fn verdict_class(verdict: Verdict) -> &'static str {
     }
 }
 
-/// Verdict of a whole run, for readers who see nothing else of it.
+/// Verdict of a whole run as a text that needs no context.
 pub fn verdict_sentence(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Pass => "in tolerance, with the uncertainty included",
@@ -198,7 +198,7 @@ pub fn format_plus_minus_limit(limit: f64) -> String {
     format!("±{limit}")
 }
 
-/// Degrees of freedom of a value that is known from infinitely many, or from so many that the number does not matter.
+/// Larger finite degrees of freedom are displayed as "> 1000", because the exact number has no effect.
 const MAX_SHOWN_DEGREES_OF_FREEDOM: f64 = 1000.0;
 
 pub fn format_degrees_of_freedom(dof: Option<f64>) -> String {
@@ -219,13 +219,15 @@ fn describe_deciding_change(change: &DecidingChange, unit: Unit, context: RunCon
             let time = context.duration_s.map_or(String::new(), |one_s| {
                 format!(" (about {:.0} minutes)", (f64::from(*runs) * one_s / 60.0).ceil())
             });
-            format!("the mean of {runs} such runs{time} would decide it, if the value stays the same")
+            format!("the mean of {runs} runs of this kind{time} would decide the verdict, if the value stays the same")
         }
-        DecidingChange::TooManyRuns => "the value is too close to the limit: more runs do not decide it".to_owned(),
+        DecidingChange::TooManyRuns => {
+            "the value is too close to the limit: more runs do not decide the verdict".to_owned()
+        }
         DecidingChange::SmallerSources { expanded, largest } => {
             let expanded = format_fixed(*expanded, decimals_for_uncertainty(*expanded));
             format!(
-                "more runs do not decide it: U stays at least {expanded} {}. Largest source: {largest}",
+                "more runs do not decide the verdict: U stays at least {expanded} {}. Largest source: {largest}",
                 unit.symbol()
             )
         }

@@ -7,7 +7,7 @@ use machine::record::plan::{Step, StepKind};
 /// Smallest component of a direction that is named: sin 17.5°.
 const MIN_NAMED_COMPONENT: f64 = 0.3;
 
-/// What the machine does in `step`, such as `touch in −X at C 45°`. A prompt is its own text.
+/// What the machine does in `step`, such as `touch in −X at C 45°`; for a prompt, the text of the prompt.
 pub fn describe_step(step: &Step) -> String {
     let place: Vec<String> = step
         .from

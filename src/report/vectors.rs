@@ -10,7 +10,7 @@ use machine::record::estimate::{
     ArrowFigure, ArrowGroup, EstimatedFunction, FigureArrow, FunctionFigureKind, VectorFigureKind,
 };
 
-/// Minimum number of groups with a picture of their sizes.
+/// Minimum number of groups for a figure of the vector size of each group.
 const MIN_COMPARED_GROUPS: usize = 3;
 /// Decimals of a length in µm.
 const LENGTH_DECIMALS: usize = 1;
@@ -52,7 +52,7 @@ fn worst_group(figure: &ArrowFigure) -> Option<(&ArrowGroup, f64)> {
     sizes.max_by(|one, other| one.1.total_cmp(&other.1))
 }
 
-/// Root mean square of the vectors of each group over its number; `None` for a few groups.
+/// Root mean square of the vectors of each group over the group number; `None` for fewer than [`MIN_COMPARED_GROUPS`].
 fn group_sizes(figure: &ArrowFigure) -> Option<EstimatedFunction> {
     let numbered = (1..).map(f64::from).zip(&figure.groups);
     let (x, y): (Vec<f64>, Vec<f64>) = numbered.filter_map(|(n, group)| Some((n, figure::group_rms(group)?))).unzip();

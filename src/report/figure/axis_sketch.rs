@@ -1,5 +1,5 @@
-//! Sketch of the location errors of an axis (ISO 230-1, ISO 230-7): its nominal and its actual line in two views, and the
-//! zero position of a rotary axis in a view along the axis. Not to scale.
+//! Sketch of the location errors of an axis (ISO 230-1, ISO 230-7): its nominal and its actual line in two views, and
+//! the zero position of a rotary axis in a view along the axis. Not to scale.
 
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
@@ -17,7 +17,7 @@ const PANEL_SIZE: (i32, i32) = (500, 480);
 const PANELS_PER_ROW: usize = 2;
 /// Position of the nominal axis at the height where the offset is drawn, from the left and top edge of a view.
 const ORIGIN: (i32, i32) = (150, 380);
-/// Distance that the origin is further to the right if no offset is drawn.
+/// Distance by which the nominal axis moves to the right if no offset is drawn.
 const ORIGIN_SHIFT_WITHOUT_OFFSET: i32 = 70;
 /// Position of the centre of the view along the axis.
 const END_VIEW_CENTRE: (i32, i32) = (180, 220);
@@ -42,7 +42,7 @@ pub(in crate::report) struct AxisSketch {
 enum Panel {
     /// View in which the axis points up.
     Side { right: char, up: char, offset: Option<String>, tilt: Option<String>, tilts_to_the_right: bool },
-    /// View against the axis direction: its zero position.
+    /// View against the axis direction, with the zero position of the axis.
     End { right: char, up: char, angle: String },
 }
 
@@ -61,7 +61,7 @@ fn is_location_error(symbol: &str, axis: char) -> bool {
 }
 
 impl AxisSketch {
-    /// Sketch of `axis` with those of its location errors that are among `symbols`; `None` if there is none.
+    /// Sketch of `axis` with its location errors among `symbols`; `None` if `symbols` contains none of them.
     pub(in crate::report) fn new(axis: char, symbols: &[&str]) -> Option<Self> {
         let along = match axis {
             'X' | 'A' => 0,

@@ -1,4 +1,4 @@
-//! Points in a plane, the circle through them, and its centre with the expanded uncertainty.
+//! Points in a plane, the circle fitted to them, and its centre with the expanded uncertainty.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,7 @@ use machine::record::estimate::CircleFigure;
 /// Side of the plot, which is square so that circles are not distorted.
 const PLOT_SIDE: u32 = 744;
 
-/// Maximum ratio of the length between last and first point to the longest between neighbours in a closed path.
+/// A path is closed if the ratio of its closing distance to the longest distance between neighbours is at most this.
 const MAX_RATIO_OF_CLOSING_LENGTH: f64 = 1.5;
 
 /// Draws the figure; `None` if the circle is not finite.
@@ -45,7 +45,7 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
     })
 }
 
-/// The points in their order, and the first one again if the way back to it is like that between the others.
+/// The points in their order. The first point is repeated at the end if the path is closed.
 fn close_path(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let length = |from: &(f64, f64), to: &(f64, f64)| (to.0 - from.0).hypot(to.1 - from.1);
     let longest = points.windows(2).map(|pair| length(&pair[0], &pair[1])).fold(0.0, f64::max);

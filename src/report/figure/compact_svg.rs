@@ -137,7 +137,7 @@ fn style_text(tag: &str, attributes: &[(&str, &str)]) -> String {
     style.map(|(name, value)| format!(" {name}=\"{}\"", rounded(value))).collect()
 }
 
-/// A number with at most two decimals; other values unchanged.
+/// Rounds a number to two decimals; text that is not a number is unchanged.
 fn rounded(value: &str) -> String {
     match value.parse::<f64>() {
         Ok(number) => ((number * 100.0).round() / 100.0).to_string(),

@@ -29,7 +29,7 @@ struct Cell {
     colour_step: u8,
 }
 
-/// Values of a slice, in µm.
+/// Errors in one slice of the volume, µm.
 #[derive(Debug, Clone)]
 pub struct ErrorMap {
     pub title: String,
@@ -46,7 +46,7 @@ impl ErrorMap {
         values.copied().filter(|value| value.is_finite()).fold(0.0, f64::max)
     }
 
-    /// Draws each panel; the value `max_value` has the full colour. `None` without a cell.
+    /// Draws each panel; a cell with the value `largest` has the full colour. `None` without a cell.
     pub(in crate::report) fn draw(&self, largest: f64) -> [Option<String>; 2] {
         let is_empty = self.horizontal_axis.1.is_empty() || self.vertical_axis.1.is_empty() || largest <= 0.0;
         self.panels.each_ref().map(|(name, rows)| {

@@ -33,9 +33,9 @@ impl MotionCentre {
     }
 }
 
-/// The two concentric circles that just contain the curve and are just contained in it. Error motions are small
-/// against the radius at which a chart draws them: a circle about the centre (x, y) is the curve radius + x·cos
-/// θ + y·sin θ (a limaçon), which does not depend on the radius that the chart chooses.
+/// Two concentric circles: the smallest that contains the curve, and the largest inside the curve. Error motions are
+/// small against the radius at which a chart draws them. Therefore a circle about the centre (x, y) is the curve
+/// radius + x·cos θ + y·sin θ (a limaçon), which does not depend on the radius that the chart chooses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::report) struct MotionCircles {
     /// Centre of the circles, from the centre of the chart, in the unit of the function.

@@ -6,13 +6,13 @@ use super::ticked_axis::value_bounds;
 use machine::record::estimate::{EstimatedFunction, FunctionFigureKind};
 
 const TURN_DEG: f64 = 360.0;
-/// Maximum angle between neighbours of a full turn; a chord over more would show a shape that was not measured.
+/// Maximum angle between neighbouring samples of a full turn. A longer chord would show a shape that was not measured.
 const MAX_GAP_DEG: f64 = 90.0;
 /// Maximum ratio of the gap between the last and the first angle to the largest gap between the others.
 const MAX_RATIO_OF_LAST_GAP: f64 = 1.01;
-/// Ratio of an eccentricity to the range of the rest, from which it would hide the form.
+/// An eccentricity above this ratio to the range of the remaining values is removed: it would hide the form.
 const MIN_RATIO_OF_REMOVED_ECCENTRICITY: f64 = 2.0;
-/// Differences of angles below this are rounding, degrees.
+/// Smaller differences between angles are rounding errors, degrees.
 const ANGLE_TOLERANCE_DEG: f64 = 1e-6;
 
 /// Kind of the figure that shows the function. An error motion or a radial deviation over a full turn is polar, a polar
@@ -58,7 +58,7 @@ pub(in crate::report) struct RemovedCircle {
     pub mean: f64,
     /// Amplitude of the first harmonic.
     pub eccentricity: f64,
-    /// Angle of its largest value, 0° to 360°.
+    /// Angle of the largest value of the first harmonic, 0° to 360°.
     pub direction_deg: f64,
 }
 

@@ -14,8 +14,8 @@ use super::{
 use crate::report::number;
 use machine::record::estimate::Unit;
 
-/// Maximum ratio of the picture's value range with a tolerance line to the range without it. Beyond it, the
-/// line is only named in the legend, as the values would be too small to see.
+/// Maximum ratio of the value range with a tolerance line to the range without the line. Above this ratio the
+/// tolerance is stated only in the legend, because the values would be too small to see.
 const MAX_RANGE_RATIO_WITH_TOLERANCE: f64 = 20.0;
 
 /// Chart of one parameter; times are Unix times in seconds.
@@ -28,7 +28,7 @@ pub struct IndividualsChart {
     pub control_limits_and_first_index: Option<([f64; 3], usize)>,
     /// Maximum magnitude of the value; `None`: no limit is stated.
     pub tolerance: Option<f64>,
-    /// Times of the steps.
+    /// Times at which the value changes in a step (level change).
     pub step_times_s: Vec<f64>,
     /// Times at which values were written to the control, or restored.
     pub compensation_times_s: Vec<f64>,
@@ -216,7 +216,8 @@ mod tests {
         attribute_values(line, "points")[0].split_whitespace().filter_map(pair).collect()
     }
 
-    /// Horizontal lines of this colour and width below the legend, in a chart without temperatures: both ends and the height in the picture.
+    /// Horizontal lines of this colour and width below the legend, in a chart without temperatures: both ends and the
+    /// height in the picture.
     fn horizontal_lines(svg: &str, colour: &str, width: u32) -> Vec<[f64; 3]> {
         let (colour, width) = (format!("stroke=\"{colour}\""), format!("stroke-width=\"{width}\""));
         let lines = svg.lines().filter(|line| line.contains("<polyline"));

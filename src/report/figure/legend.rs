@@ -5,7 +5,7 @@ use plotters::prelude::*;
 
 use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, text_style};
 
-/// Height of the legend row.
+/// Height of a row of the legend.
 pub(super) const LEGEND_ROW_HEIGHT: u32 = 56;
 const FONT_SIZE: f64 = 34.0;
 /// Length of a line sample.
@@ -17,7 +17,7 @@ const LETTER_WIDTH_RATIO: f64 = 0.48;
 const MARKER_RADIUS: i32 = 9;
 /// Opacity of a shaded area.
 pub(super) const SHADE_OPACITY: f64 = 0.6;
-/// Length and gap of the dashes of a line.
+/// Lengths of a dash and of the gap after it in a tolerance line.
 pub(super) const DASH_AND_GAP_LENGTH: (i32, i32) = (40, 24);
 
 /// Lengths of a dash and of the gap after it in the mark of a compensation.
@@ -26,7 +26,7 @@ pub(super) const COMPENSATION_DASH_AND_GAP_LENGTH: (i32, i32) = (10, 7);
 /// Sample and name of a line or area.
 pub(super) type LegendEntry = (LegendSymbol, String);
 
-/// Sample in a legend: what it shows in the chart.
+/// Kind of a sample in a legend.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LegendSymbol {
     /// Band between two lines.

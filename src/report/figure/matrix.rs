@@ -15,11 +15,11 @@ const PICTURE_WIDTH: i32 = 1000;
 const MAX_CELL_SIDE: f64 = 110.0;
 /// Size of names and numbers; the smallest that is 9 px high on a phone.
 const FONT_SIZE: f64 = 34.0;
-/// Side of a cell from which a coefficient has two decimals.
+/// Minimum side of a cell for a coefficient with two decimals.
 const MIN_CELL_SIDE_OF_TWO_DECIMALS: f64 = 76.0;
 /// Mean width of a letter, as a share of the font size.
 const LETTER_WIDTH_RATIO: f64 = 0.5;
-/// Opacity of a coefficient of ±1, with which its number stays legible.
+/// Opacity of a cell with the coefficient ±1. The number in the cell stays legible.
 const MAX_CELL_OPACITY: f64 = 0.6;
 
 /// Correlation coefficient of `i` and `j`, −1 to 1; `None` if one of them has no variance.

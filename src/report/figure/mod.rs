@@ -68,7 +68,7 @@ struct PlotPoint {
     uncertainty_half_width: f64,
 }
 
-/// A function with the decisions about its figure.
+/// A function with the kind of its figure and the data to draw.
 pub(super) struct FunctionFigure<'a> {
     function: &'a EstimatedFunction,
     samples: Vec<PlotPoint>,

@@ -1,4 +1,4 @@
-//! Single values over a number, each with its uncertainty, without a line between them.
+//! Single values over a numeric argument, each with its uncertainty, without a line between them.
 
 use plotters::prelude::*;
 
@@ -6,8 +6,8 @@ use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
 use super::{FIT_COLOUR, INK_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, curve, draw_picture};
 use machine::record::estimate::EstimatedFunction;
 
-/// Draws the function without uncertainties. Each of `circled_points` (x, y) has a circle about its mark. `None` without
-/// a finite value.
+/// Draws the function without uncertainties, and a circle about the mark of each of `circled_points` (x, y). `None`
+/// without a finite value.
 pub(in crate::report) fn draw_points_with_circles(
     function: &EstimatedFunction,
     circled_points: &[[f64; 2]],

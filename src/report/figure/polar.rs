@@ -16,7 +16,7 @@ use crate::report::number;
 const PICTURE_SIDE: u32 = 900;
 const CENTRE_COORDINATE: i32 = 450;
 const OUTER_RING_RADIUS: f64 = 360.0;
-/// Radius of the smallest value: the chart magnifies the deviations, not the part.
+/// Radius of the ring of the smallest value. The chart magnifies the deviations, not the radius of the part.
 const INNER_RING_RADIUS: f64 = 120.0;
 /// Distance of the labels in the corners from the edges of the picture.
 const CORNER_MARGIN: i32 = 12;
@@ -26,7 +26,7 @@ const MAX_DIVISIONS: f64 = 5.0;
 const MAX_CHORD_DEG: f64 = 3.0;
 /// Half the length of the mark of a centre.
 const CENTRE_MARK_HALF_LENGTH: i32 = 18;
-/// Length and gap of the dashes of the least-squares circle.
+/// Lengths of a dash and of the gap after it in the mean circle.
 const DASH_AND_GAP_LENGTH: (u32, u32) = (18, 12);
 
 /// Scale from values to radii in the picture.
@@ -82,7 +82,7 @@ fn polar_to_picture_point(degrees: f64, radius: f64) -> (i32, i32) {
     (CENTRE_COORDINATE + (radius * cos).round() as i32, CENTRE_COORDINATE - (radius * sin).round() as i32)
 }
 
-/// Value between two rings of the scale: the magnification of the chart.
+/// Difference in value between two neighbouring rings: the magnification of the chart.
 pub(super) fn division(figure: &FunctionFigure<'_>) -> Option<f64> {
     Some(RadiusScale::for_figure(figure)?.ring_step)
 }

@@ -7,7 +7,7 @@ use super::{MIN_Y_LABEL_WIDTH, PICTURE_SIZE, draw_picture};
 
 const SECONDS_PER_MINUTE: f64 = 60.0;
 
-/// Draws the temperatures over the time since the begin of the run; `None` without a temperature.
+/// Draws the temperatures over the time since the start of the run; `None` without a temperature.
 pub(in crate::report) fn draw_run_temperatures(curves: &TemperatureCurves) -> Option<String> {
     let y = temperature_strip::temperature_axis(curves)?;
     let times = curves.iter().flat_map(|(_, values)| values).map(|(t_s, _)| t_s / SECONDS_PER_MINUTE);

@@ -13,7 +13,7 @@ use crate::report::number;
 /// Maximum number of tick intervals.
 const MAX_TICK_INTERVALS: f64 = 8.0;
 
-/// Minimum width of the labels of a y axis and of its title; legends begin there.
+/// Minimum width of the labels and the title of a y axis. Legends begin at this distance from the left edge.
 pub(super) const MIN_Y_LABEL_WIDTH: u32 = 140;
 /// Width of the title of a y axis, with its distance to the labels.
 const Y_TITLE_WIDTH: u32 = 60;
@@ -61,7 +61,8 @@ impl TickedAxis {
         Self { time_ticks, title, ..Self::with_round_ticks(range) }
     }
 
-    /// As a y axis with at least the width of labels that `other` needs, so that the plots of both begin at the same x.
+    /// Widens the labels of this y axis to at least the label width of `other`, so that both plots begin at the same
+    /// x.
     pub(super) fn aligned_with(self, other: &Self) -> Self {
         Self { min_label_width: other.label_width(), ..self }
     }

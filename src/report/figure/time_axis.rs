@@ -11,7 +11,7 @@ pub(super) struct TimeTick {
     pub label: String,
 }
 
-/// Distance of two ticks.
+/// Time between two ticks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum TickStep {
     Seconds(i64),
@@ -20,7 +20,7 @@ enum TickStep {
     Months(i64),
 }
 
-/// Letters of all labels for which there is room, with one letter between two labels.
+/// Maximum number of letters of all labels together; the space after a label counts as one letter.
 const MAX_LABEL_LETTERS: usize = 42;
 
 const STEPS: [TickStep; 22] = [
@@ -84,7 +84,7 @@ pub(super) fn time_ticks(first_s: f64, last_s: f64, zone: &TimeZone) -> Vec<Time
     }
 }
 
-/// Ticks at every `step`, at most one more than there is room for.
+/// Ticks at every `step`, at most [`MAX_LABEL_LETTERS`] + 1.
 fn ticks_at_step(first_s: f64, last_s: f64, step: TickStep, zone: &TimeZone) -> Vec<TimeTick> {
     let mut ticks = Vec::new();
     let mut next = first_tick(first_s, step, zone);

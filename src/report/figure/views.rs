@@ -93,8 +93,8 @@ pub(super) struct Labels {
 }
 
 impl Labels {
-    /// Draws the label on the left or right side of a point, or on the other side if it would leave the view of the
-    /// point; leaves it out where it would cover another label.
+    /// Draws the label on the left or right side of a point, or on the other side if the label would leave the view.
+    /// A label that would cover another label is omitted.
     pub(super) fn draw_beside(&mut self, area: &Area<'_>, text: &str, at: (i32, i32), is_left: bool) -> DrawResult {
         let width = (LETTER_WIDTH_RATIO * FONT_SIZE * text.chars().count() as f64) as i32;
         let view_left = at.0.div_euclid(VIEW_SIDE) * VIEW_SIDE;

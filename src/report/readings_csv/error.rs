@@ -30,7 +30,7 @@ pub enum ReadingsProblem {
     WrongFieldCount { found: usize, expected: usize },
     #[error("the last line has no line end; if the file is complete and not cut off, add one")]
     NoFinalLineEnd,
-    #[error("`{name}` is empty; write a value for every reading, or remove the column if it is a time")]
+    #[error("`{name}` is empty; write a value for every reading, or remove the column if it contains times")]
     EmptyField { name: String },
     #[error("`{text}` in `{name}` is not a number; write a number such as 12 or -0.125")]
     NotANumber { name: String, text: String },

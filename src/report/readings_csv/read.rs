@@ -57,7 +57,7 @@ fn decode_and_check_file(bytes: &[u8]) -> Result<&str, ReadingsError> {
         return Err(error_at(1, ReadingsProblem::WrongFirstLine { found }));
     }
     // Text without a final line end is refused: a truncated line can look complete. 12.3 may be the beginning of
-    // 12.345, and an empty flag of `excluded`.
+    // 12.345, and an empty flag may be the beginning of `excluded`.
     if !text.ends_with('\n') {
         return Err(error_at(text.lines().count() as u64, ReadingsProblem::NoFinalLineEnd));
     }

@@ -82,7 +82,7 @@ pub fn runs_give_their_repeatability() {
     // The same seed gives the same readings, and two runs determine no slope.
     assert_eq!((&table["parameters"][0]["between"], &table["parameters"][0]["per_hour"]), (&0.0.into(), &Value::Null));
     let single = shop.run_trued(&["repeatability", "1"]);
-    assert_stderr_has(&single, &["run 1 has no two complete passes", "--repeat 5"]);
+    assert_stderr_has(&single, &["run 1 has fewer than two complete passes", "--repeat 5"]);
     assert_stderr_has(&shop.run_trued(&["repeatability", "1", "1"]), &["run 1 is listed twice"]);
     assert_stderr_has(&shop.run_trued(&["repeatability", "1", "9"]), &["9"]);
     let other = shop.run_trued(&["run", "latch-delay"]);
