@@ -46,7 +46,8 @@ pub struct RunComparison {
     /// Sources of uncertainty with the same value in both runs: they cancel in `differences`.
     pub common_sources: Vec<String>,
     /// Differences other than those of parameters and functions, in words.
-    pub besides: Vec<String>,
+    #[serde(rename = "besides")]
+    pub other_differences: Vec<String>,
 }
 
 /// At most `limit` finished runs of the same machine and method before `run`, newest first.
@@ -97,7 +98,7 @@ pub fn compare_runs(journal: &Journal, first: RunId, second: RunId) -> Result<Ru
     if !unit_differences.is_empty() {
         other_differences.push(format!("the two runs have different units for {}", unit_differences.join(", ")));
     }
-    Ok(RunComparison { runs, differences, functions, common_sources, besides: other_differences })
+    Ok(RunComparison { runs, differences, functions, common_sources, other_differences })
 }
 
 /// Sentence about an estimate that combines several runs.

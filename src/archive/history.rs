@@ -116,7 +116,7 @@ fn format_date(t_s: f64) -> String {
 /// Chart of a series; `None` if there is nothing to draw.
 pub fn draw_series_chart(series: &ParameterSeries) -> Option<String> {
     let unix_s = |at: Timestamp| at.as_duration().as_secs_f64();
-    let values = &values_with_monotonic_times(series);
+    let values = &values_with_corrected_times(series);
     let at = |index: usize| values.get(index).map(|value| unix_s(value.started));
     let steps = series.trend.changes.iter().filter(|change| change.kind == ChangeKind::Step);
     // Halfway between the last value before the step and the first one after it.
@@ -129,7 +129,7 @@ pub fn draw_series_chart(series: &ParameterSeries) -> Option<String> {
             let [lower, upper] = chart.control_limits();
             ([lower, chart.centre, upper], from)
         }),
-        step_times_s: steps.filter_map(|step| between(step.first)).collect(),
+        level_change_times_s: steps.filter_map(|step| between(step.first)).collect(),
         compensation_times_s: series.compensations.iter().map(|event| unix_s(event.at)).collect(),
         tolerance: series.tolerance,
         temperatures: thermometer_series(values, unix_s),
@@ -149,7 +149,7 @@ fn thermometer_series(values: &[RunParameter], unix_s: impl Fn(Timestamp) -> f64
 }
 
 /// Values in the order of measurement, with wrong clock times replaced; see [`Trend::from_points`].
-fn values_with_monotonic_times(series: &ParameterSeries) -> Vec<RunParameter> {
+fn values_with_corrected_times(series: &ParameterSeries) -> Vec<RunParameter> {
     let at = |point: &TrendPoint| {
         Timestamp::from_duration(SignedDuration::from_secs_f64(point.measurement_time_s)).unwrap_or_default()
     };

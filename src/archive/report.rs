@@ -47,7 +47,7 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
         operators: operators_of_run(&stored),
         control: control_identity(&stored),
         is_certificate_expired: is_certificate_expired(&stored),
-        record_warnings: describe_record_warnings(&stored),
+        certificate_warnings: describe_record_warnings(&stored),
         previous_run: differences_from_previous_run(journal, &stored)?,
         program_version: last.program_version.clone(),
         sha256_by_item: vec![
@@ -81,7 +81,7 @@ fn control_identity(stored: &StoredRun) -> String {
 fn operators_of_run(stored: &StoredRun) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for (_, event) in &stored.events {
-        if let RunEvent::Acknowledged { who, .. } | RunEvent::Answered { who, .. } = event
+        if let RunEvent::Acknowledged { who, .. } | RunEvent::PromptConfirmed { who, .. } = event
             && !names.contains(who)
         {
             names.push(who.clone());
@@ -99,7 +99,7 @@ fn differences_from_previous_run(journal: &Journal, stored: &StoredRun) -> Resul
             title: format!("run {} of {}", previous.id, format_local_time(previous.started)),
             differences: comparison.differences,
             common_sources: comparison.common_sources,
-            other_differences: comparison.besides,
+            other_differences: comparison.other_differences,
         })),
         // A damaged earlier run does not prevent the report of this one.
         Err(_) => Ok(None),

@@ -14,8 +14,8 @@ pub fn describe_events_with_times(stored: &StoredRun) -> Vec<(Timestamp, String)
         RunEvent::Held { reason } => Some(format!("held: {reason}")),
         RunEvent::Faulted { what, .. } => Some(format!("fault: {what}")),
         RunEvent::Acknowledged { who, what, .. } => Some(format!("confirmed by {who}: {what}")),
-        RunEvent::Asked { text, .. } => Some(format!("prompt for the operator: {text}")),
-        RunEvent::Answered { who, .. } => Some(format!("prompt confirmed by {who}")),
+        RunEvent::PromptStarted { text, .. } => Some(format!("prompt for the operator: {text}")),
+        RunEvent::PromptConfirmed { who, .. } => Some(format!("prompt confirmed by {who}")),
         RunEvent::Resumed { gap_s } => Some(format!("resumed after an interruption at t = {gap_s:.1} s")),
         RunEvent::SamplesRemoved { scans } => {
             Some(format!("the samples of {scans} scans were deleted at the end of their retention period"))
@@ -100,7 +100,7 @@ pub fn is_abandoned(stored: &StoredRun) -> bool {
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
         RunEvent::Acknowledged { leaves, .. } => Some(*leaves),
         // These events do not change whether the run is abandoned.
-        RunEvent::Announced { .. } | RunEvent::SamplesRemoved { .. } => None,
+        RunEvent::OperatorMessage { .. } | RunEvent::SamplesRemoved { .. } => None,
         _ => Some(false),
     });
     last.unwrap_or(false)
@@ -129,7 +129,7 @@ pub fn next_action(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
         RunState::Held | RunState::Interrupted => Some(resume_hint(*id, can_resume, may_have_lost_position(stored))),
-        RunState::Closed => Some(format!(
+        RunState::NotResumable => Some(format!(
             "`trued identify {method} --run {id}` computes an estimate from the stored \
                 readings"
         )),

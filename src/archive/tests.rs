@@ -189,10 +189,10 @@ fn runs_are_compared_in_common_parameters() {
     let found = compare_runs(&journal, one, other).unwrap();
     let changed: Vec<_> = found.differences.iter().map(|d| (d.by, d.significant)).collect();
     assert_eq!(changed, [(3.0, true), (0.0, false)]);
-    assert_eq!(found.besides, ["the machine file was changed between the runs"]);
+    assert_eq!(found.other_differences, ["the machine file was changed between the runs"]);
     let methods = compare_runs(&journal, one, laser).unwrap();
     assert_eq!(methods.differences.len(), 2);
-    assert_eq!(methods.besides, ["the runs have different methods"]);
+    assert_eq!(methods.other_differences, ["the runs have different methods"]);
     let add = |estimate: &Estimate| -> RunId {
         let new = NewRun { machine_file_text: "a".to_owned(), plan: plan("samba", "mill") };
         let id = journal.begin_run(&new).wait().unwrap();
@@ -208,7 +208,7 @@ fn runs_are_compared_in_common_parameters() {
     mm.parameters.push(estimate_with_parameters(&[("EY0C", 3.0, true)]).parameters.remove(0));
     let some = compare_runs(&journal, one, add(&mm)).unwrap();
     assert_eq!(some.differences.len(), 1);
-    assert_eq!(some.besides, ["the two runs have different units for EX0C"]);
+    assert_eq!(some.other_differences, ["the two runs have different units for EX0C"]);
     assert!(matches!(compare_runs(&journal, one, none), Err(CompareError::NoEstimate(_))));
     assert!(matches!(compare_runs(&journal, one, RunId(9)), Err(CompareError::Store(_))));
 }

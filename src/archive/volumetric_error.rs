@@ -12,7 +12,7 @@ pub fn volumetric_error_maps(plan: &Plan, estimate: &Estimate) -> Option<(Vec<St
     let predictor = ErrorPredictor::of_plan(plan, estimate).ok()?;
     let poses = predictor.volume_grid_poses().ok()?;
     let errors = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
-    let slices = predictor.error_slices(poses.get(errors[0].worst_pose_index)?).ok()?;
+    let slices = predictor.xy_and_rotary_error_slices(poses.get(errors[0].worst_pose_index)?).ok()?;
     let mut lines = vec![format!(
         "{}; over the measured ranges of the axes, with tool-centre control (TCP), and with the work zero \
         set with the tip at the origin of the table and the rotary axes at 0",

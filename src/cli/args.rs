@@ -9,8 +9,8 @@ use super::artefact::ArtefactArgs;
 use super::daemon_args::{ArmArgs, DisarmArgs, ScheduleArgs, TokenArgs};
 use super::method_list::{method_name_parser, methods_help};
 use super::result_args::{
-    BackupArgs, CombineArgs, CompareArgs, CompensateArgs, ExportArgs, PredictArgs, RepeatabilityArgs, RunsArgs,
-    ShowArgs,
+    BackupArgs, CombineArgs, CompareArgs, CompensateArgs, ExportArgs, PredictPoseErrorsArgs, RepeatabilityArgs,
+    RunsArgs, ShowArgs,
 };
 use crate::setup::control_kinds;
 use devices::controllers::linuxcnc;
@@ -52,7 +52,7 @@ pub enum Command {
     /// Print the samples of a sensor; nothing moves.
     Watch(WatchArgs),
     /// Start the simulated machine on a pseudo-terminal or a TCP port, as a target for other programs.
-    Simulate(SimulateArgs),
+    Simulate(SimulateMachineArgs),
     /// List the stored runs.
     Runs(RunsArgs),
     /// Show the history of the parameters of a machine, and their significant changes.
@@ -75,7 +75,7 @@ pub enum Command {
     /// Scatter and drift of repeated measurements: the passes of one run, or several runs.
     Repeatability(RepeatabilityArgs),
     /// Compute the position error of the tool at given poses from an estimate.
-    Predict(PredictArgs),
+    Predict(PredictPoseErrorsArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
     /// Manage the register of calibrated artefacts and check standards. A run with an artefact whose certificate has
@@ -308,7 +308,7 @@ pub struct WatchArgs {
 }
 
 #[derive(Debug, Args)]
-pub struct SimulateArgs {
+pub struct SimulateMachineArgs {
     /// Method whose built-in machine is simulated if no machine file is given.
     #[arg(default_value = "self-calibration", value_parser = method_name_parser())]
     pub method: String,

@@ -41,7 +41,7 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     let check = MachineCheck::new(&machine, &reopenable_machine, pace, &journal, operator, stop, &mut on_finding);
     let summary = build_runtime()?.block_on(check.run_all_parts());
     print_summary(&summary, args.json)?;
-    Ok(exit_code(&summary))
+    Ok(exit_status(&summary))
 }
 
 /// The simulated operator of a simulated machine, the operator at the terminal, or no operator.
@@ -64,7 +64,7 @@ fn print_summary(summary: &CheckSummary, json: bool) -> Result<(), CommandFailur
     Ok(())
 }
 
-fn exit_code(summary: &CheckSummary) -> ExitStatus {
+fn exit_status(summary: &CheckSummary) -> ExitStatus {
     match summary {
         _ if summary.stopped => ExitStatus::Stopped,
         _ if summary.finding_count(CheckVerdict::Failed) > 0 => ExitStatus::Error,

@@ -29,7 +29,7 @@ pub fn compare_stored_runs(args: &CompareArgs, state: Option<&Path>) -> Result<E
 }
 
 fn print_comparison(comparison: &RunComparison) {
-    let RunComparison { runs, differences, functions, common_sources, besides: other_differences } = comparison;
+    let RunComparison { runs, differences, functions, common_sources, other_differences } = comparison;
     for run in runs {
         outln!("run {}: {} on {}, {:.0}", run.id, run.method, run.machine, run.started);
     }

@@ -12,7 +12,7 @@ use super::args::RunArgs;
 use super::failure::CommandFailure;
 use super::progress::ProgressDisplay;
 use super::signals::start_signal_halt_thread;
-use super::terminal::{confirm_with_enter, prompt_line};
+use super::terminal::{enter_key_answer_source, prompt_line};
 use crate::run::{OpenPrompt, PromptAnswerSource};
 use crate::service::{PageAddressFile, machine_page_path};
 use crate::setup::MachineFile;
@@ -79,7 +79,7 @@ impl DaemonClient {
         });
         self.post("start", &request)?;
         let mut progress = ProgressDisplay::start(args.output.json);
-        let answers = confirm_with_enter(who.clone(), progress.line_printer());
+        let answers = enter_key_answer_source(who.clone(), progress.line_printer());
         let ended = self.wait_for_run_end(&who, &answers, &mut progress)?;
         let run = RunId(ended["run"].as_i64().unwrap_or(0));
         match ended["state"].as_str() {

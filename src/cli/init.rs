@@ -76,7 +76,7 @@ async fn query_device_info(
         Err(SetupError::Controller(error)) => error,
         info => return Ok(info?),
     };
-    let mode = if searches_actively { DiagnosisMode::Active } else { DiagnosisMode::Passive };
+    let mode = if searches_actively { DiagnosisMode::OtherSettings } else { DiagnosisMode::ConfiguredSettings };
     for suspicion in draft.diagnose_connection_failure(control, &error, mode).await {
         errln!("{suspicion}\n  → {}", suspicion.remedy);
     }

@@ -146,7 +146,7 @@ fn describe_proof(proof: &StageProof, plan: &Plan) -> Vec<String> {
         )
     });
     let mut lines = vec![format!("collision check passed: {} motions{nearest}", proof.motion_count)];
-    lines.extend(proof.not_looked_at.iter().map(|what| format!("not checked: {what}")));
+    lines.extend(proof.unchecked_items.iter().map(|what| format!("not checked: {what}")));
     lines
 }
 
@@ -172,7 +172,7 @@ fn print_plan_and_return_time_s(plan: &Plan, stages: &[Stage]) -> Result<f64, Co
         "share of touches {:.0} %, travel of X, Y, Z {:.0} %, travel of rotary axes {:.0} %, dwells {:.0} %",
         percent(time.touch_s),
         percent(time.linear_move_s),
-        percent(time.rotary_s),
+        percent(time.rotary_move_s),
         percent(time.dwell_s)
     );
     Ok(machine_s)

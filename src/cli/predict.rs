@@ -5,7 +5,7 @@ use std::path::Path;
 use super::ExitStatus;
 use super::failure::CommandFailure;
 use super::files::read_estimate;
-use super::result_args::PredictArgs;
+use super::result_args::PredictPoseErrorsArgs;
 use crate::setup;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
@@ -22,7 +22,7 @@ const POSE_COLUMNS: [(&str, Axis); 7] = [
     ("s_deg", Axis::S),
 ];
 
-pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, CommandFailure> {
+pub fn predict_command(args: &PredictPoseErrorsArgs) -> Result<ExitStatus, CommandFailure> {
     let estimate = read_estimate(&args.estimate)?;
     let file = setup::load_machine_file(args.machine.as_deref(), &estimate.method)?;
     let stylus = StatedStylusUncertainty::new(&file.probe, &file.assumed_keys);

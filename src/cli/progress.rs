@@ -16,10 +16,10 @@ pub struct ProgressDisplay {
 }
 
 impl ProgressDisplay {
-    /// Starts the display; with `quiet`, no bar is drawn (the estimate goes to standard output as JSON).
-    pub fn start(quiet: bool) -> Self {
+    /// Starts the display; with `is_hidden`, no bar is drawn (the estimate goes to standard output as JSON).
+    pub fn start(is_hidden: bool) -> Self {
         let bar = ProgressBar::new(0);
-        if quiet {
+        if is_hidden {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
         let progress = Self { bar, last_reading_text: String::new() };
@@ -35,7 +35,7 @@ impl ProgressDisplay {
 
     pub fn show_event(&mut self, event: &RunEvent) {
         match event {
-            RunEvent::ControlPrepared { identity: text } | RunEvent::Announced { text } => self.print_line(text),
+            RunEvent::ControlPrepared { identity: text } | RunEvent::OperatorMessage { text } => self.print_line(text),
             RunEvent::StageStarted { stage } => {
                 self.print_line(&format!("{}: {} steps", stage.name, stage.steps.len()));
                 self.bar.set_length(stage.steps.len() as u64);
@@ -72,13 +72,13 @@ impl ProgressDisplay {
                 self.bar.inc(1);
             }
             // The source of the answer shows the prompt.
-            RunEvent::Asked { .. } => self.bar.set_message("waiting for the operator"),
+            RunEvent::PromptStarted { .. } => self.bar.set_message("waiting for the operator"),
             // Displayed on a terminal only: a log file would grow while the operator works.
             RunEvent::Watched { values } => {
                 self.set_template(SENSOR_BAR_TEMPLATE);
                 self.bar.set_message(live_value_lines(values));
             }
-            RunEvent::Answered { who, .. } => {
+            RunEvent::PromptConfirmed { who, .. } => {
                 self.set_template(STEP_BAR_TEMPLATE);
                 self.bar.set_message("");
                 self.print_line(&format!("confirmed by {who}"));

@@ -167,7 +167,7 @@ pub struct DecisionArgs {
 }
 
 #[derive(Debug, Args)]
-pub struct PredictArgs {
+pub struct PredictPoseErrorsArgs {
     /// Estimate of axis errors, in the format of `trued run samba --json`.
     #[arg(value_name = "EST.json")]
     pub estimate: PathBuf,

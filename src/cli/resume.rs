@@ -10,7 +10,7 @@ use super::files::state_folder;
 use super::progress::ProgressDisplay;
 use super::run::{build_runtime, check_report_folder, open_devices, print_result_and_write_report};
 use super::signals::start_signal_halt_thread;
-use super::terminal::{confirm_with_enter, prompt_line};
+use super::terminal::{enter_key_answer_source, prompt_line};
 use crate::run::{CycleError, ResumableRun, ResumeQuestion, ResumeRefusal, identify_stored_run, store_identification};
 use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
 use machine::record::event::RunEvent;
@@ -33,7 +33,7 @@ pub fn resume_command(args: &ResumeArgs, state: Option<&Path>) -> Result<ExitSta
 
     let name = again.stored_run().plan.method.clone();
     let mut progress = ProgressDisplay::start(args.output.json);
-    let answers = confirm_with_enter(who, progress.line_printer());
+    let answers = enter_key_answer_source(who, progress.line_printer());
     let mut tell = |event: &RunEvent| progress.show_event(event);
     tell(&acknowledged);
     let result = build_runtime()?.block_on(async {

@@ -13,7 +13,7 @@ use super::files::read_estimates;
 use super::progress::ProgressDisplay;
 use super::repeatability::print_repeatability;
 use super::signals::start_signal_halt_thread;
-use super::terminal::{confirm_with_enter, login_name};
+use super::terminal::{enter_key_answer_source, login_name};
 use super::{ExitStatus, add_state_option, show};
 use crate::run::{Cycle, PromptAnswerSource, check_qualifications_match_probe, repeatability_of_runs};
 use crate::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
@@ -78,7 +78,7 @@ fn prompt_answer_source(args: &RunArgs, progress: &ProgressDisplay) -> PromptAns
     let who = args.acknowledge.clone().unwrap_or_else(login_name);
     match args.replay {
         Some(_) => PromptAnswerSource::new(|_| Some("the replay".to_owned())),
-        None => confirm_with_enter(who, progress.line_printer()),
+        None => enter_key_answer_source(who, progress.line_printer()),
     }
 }
 

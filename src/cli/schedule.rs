@@ -68,7 +68,7 @@ fn print_schedule(report: &ScheduleReport) {
         let next: Vec<_> = next.iter().map(|next| next.strftime("%a %F %H:%M %Z").to_string()).collect();
         outln!("  {name}: cycle {cycle}, {at} in {zone}; next {}", next.join(", "));
     }
-    for Arming { cycle, who, until, ended, broken, .. } in armed {
+    for Arming { cycle, who, until, ended, broken_by_run: broken, .. } in armed {
         match (ended, broken) {
             (Some((when, why)), _) => outln!("  cycle {cycle} was disarmed at {when}: {why}"),
             (None, Some(run)) => {

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::failure::CommandFailure;
 use crate::archive::report::render_report;
 use crate::report::number::with_one_line_symbols;
-use crate::report::result_row::{ResultRow, RunContext, not_passed, result_rows, verdict_sentence, verdict_word};
+use crate::report::result_row::{ResultRow, RunContext, result_rows, rows_not_passed, verdict_sentence, verdict_word};
 use crate::store::{Journal, RunId};
 use machine::record::estimate::{Estimate, Verdict};
 
@@ -80,7 +80,7 @@ fn print_result_table(rows: &[ResultRow]) {
 /// The verdict of the run, then each result that has not passed, worst first.
 fn print_verdict(verdict: Verdict, rows: &[ResultRow]) {
     outln!("verdict: {} ({})", verdict_word(verdict), verdict_sentence(verdict));
-    for row in not_passed(rows) {
+    for row in rows_not_passed(rows) {
         outln!("  {}", row.sentence);
         if let Some(decided_by) = &row.decided_by {
             outln!("    {decided_by}");

@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::time::Duration;
 
 use super::ExitStatus;
-use super::args::SimulateArgs;
+use super::args::SimulateMachineArgs;
 use super::failure::CommandFailure;
 use super::run::build_runtime;
 use crate::setup::{self, SimulatedMachine};
@@ -13,7 +13,7 @@ use machine::record::question::{OperatorQuestion, StylusState};
 use simulator::SimulatedOperator;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 
-pub fn simulate_command(args: &SimulateArgs) -> Result<ExitStatus, CommandFailure> {
+pub fn simulate_command(args: &SimulateMachineArgs) -> Result<ExitStatus, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (_, plan_without_steps) = setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
     let pace = args.speed.into();

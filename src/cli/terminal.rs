@@ -38,9 +38,9 @@ fn spawn_line_reader() -> Receiver<String> {
 
 /// Answers of the operator `who`, who confirms prompts with Enter; without a terminal no prompt can be answered.
 /// `show` is called with the text of the prompt.
-pub fn confirm_with_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> PromptAnswerSource {
+pub fn enter_key_answer_source(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> PromptAnswerSource {
     match std::io::stdin().is_terminal() {
-        true => answers_from_enter_key(who, show, spawn_line_reader),
+        true => answer_source_from_typed_lines(who, show, spawn_line_reader),
         false => PromptAnswerSource::without_operator(),
     }
 }
@@ -52,11 +52,11 @@ pub fn login_name() -> String {
     known.next().unwrap_or_else(|| "operator at the terminal".to_owned())
 }
 
-/// Answers of `who` by the Enter key; `listen` starts to read the typed lines at the first prompt.
-fn answers_from_enter_key(
+/// Answers of `who` by the Enter key; `start_line_reader` starts to read the typed lines at the first prompt.
+fn answer_source_from_typed_lines(
     who: String,
     show: impl Fn(&str) + Send + Sync + 'static,
-    listen: impl Fn() -> Receiver<String> + Send + Sync + 'static,
+    start_line_reader: impl Fn() -> Receiver<String> + Send + Sync + 'static,
 ) -> PromptAnswerSource {
     let state: Mutex<(Option<Receiver<String>>, Option<OpenPrompt>)> = Mutex::default();
     PromptAnswerSource::new(move |asked| {
@@ -65,7 +65,7 @@ fn answers_from_enter_key(
         let Some(typed) = typed else {
             // Standard input is read only now: a run without a prompt may run in the background. Lines typed
             // before the prompt arrive until the next poll, which discards them.
-            *typed = Some(listen());
+            *typed = Some(start_line_reader());
             return None;
         };
         if shown.as_ref() != Some(asked) {
@@ -187,7 +187,8 @@ mod tests {
             let shown = shown.clone();
             move |words: &str| shown.lock().unwrap().push(words.to_owned())
         };
-        let answers = answers_from_enter_key("Ada".to_owned(), show, move || typed.lock().unwrap().take().unwrap());
+        let answers =
+            answer_source_from_typed_lines("Ada".to_owned(), show, move || typed.lock().unwrap().take().unwrap());
         let asked = |step| OpenPrompt { step_id: step, repeat_number: 0, text: format!("do {step}") };
         let enter = || line.send(String::new()).unwrap();
         enter();

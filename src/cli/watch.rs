@@ -17,7 +17,7 @@ pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, CommandFailure> {
         let sensor = setup::open_sensor(&file, &args.sensor).await?;
         let connection = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
         let at = connection.map(|entry| entry.connection.describe_address()).unwrap_or_default();
-        let mut printer = SamplePrinter { json: args.json, remaining_samples: args.samples, is_signal_missing: false };
+        let mut printer = SamplePrinter { json: args.json, remaining_samples: args.samples, was_signal_missing: false };
         tokio::select! {
             ended = print_samples(&sensor, &at, &mut printer) => ended,
             ended = tokio::signal::ctrl_c() => ended.map_err(CommandFailure::without_remedy),
@@ -27,11 +27,15 @@ pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, CommandFailure> {
 }
 
 /// Shows every sample.
-async fn print_samples(sensor: &SensorHandle, at: &str, printer: &mut SamplePrinter) -> Result<(), CommandFailure> {
+async fn print_samples(
+    sensor: &SensorHandle,
+    sensor_address: &str,
+    printer: &mut SamplePrinter,
+) -> Result<(), CommandFailure> {
     let (tell, mut samples) = mpsc::unbounded_channel();
     let good = move |sample: &Sample| tell.send(*sample).is_ok();
     sensor.watch(good, || {}).await?;
-    errln!("reading samples from {at}; press Ctrl-C to end");
+    errln!("reading samples from {sensor_address}; press Ctrl-C to end");
     while let Some(sample) = samples.recv().await {
         if printer.print_and_check_last(&sample) {
             return Ok(());
@@ -52,7 +56,7 @@ struct SamplePrinter {
     json: bool,
     remaining_samples: Option<u64>,
     /// Whether the previous sample had no signal. A missing signal is printed once.
-    is_signal_missing: bool,
+    was_signal_missing: bool,
 }
 
 impl SamplePrinter {
@@ -60,7 +64,7 @@ impl SamplePrinter {
     fn print_and_check_last(&mut self, sample: &Sample) -> bool {
         let Sample { received_s: t_s, value_mm, flag, lost_before_count: missing, encoder_count } = *sample;
         let is_signal_missing = flag == ReadingFlag::Stale;
-        if !(is_signal_missing && self.is_signal_missing) {
+        if !(is_signal_missing && self.was_signal_missing) {
             let flag = flag.as_str();
             if self.json {
                 let mut line = serde_json::json!({
@@ -77,7 +81,7 @@ impl SamplePrinter {
                 outln!("{t_s:12.6} s {value:>12} mm {count}{flag}{missing}");
             }
         }
-        self.is_signal_missing = is_signal_missing;
+        self.was_signal_missing = is_signal_missing;
         self.remaining_samples = match self.remaining_samples {
             Some(remaining_samples) if !is_signal_missing => Some(remaining_samples.saturating_sub(1)),
             remaining_samples => remaining_samples,

@@ -41,7 +41,7 @@ fn compare_device_info_and_permit_motion(
     part_started: Instant,
 ) -> bool {
     check.summary.control = Some(info.identity.clone());
-    check.probe_polarity_hint.clone_from(&info.probe_polarity_hint);
+    check.probe_polarity_hint.clone_from(&info.probe_inversion_hint);
     let differences = machine_file_differences(&check.machine_file.machine, &info);
     if differences.is_empty() && !info.axes.is_empty() {
         let reports_speeds = info.axes.values().any(|axis| axis.rapid_per_min.is_some());

@@ -24,7 +24,8 @@ pub enum CheckVerdict {
     Ok,
     Failed,
     /// Not checked, with the reason.
-    NotLookedAt,
+    #[serde(rename = "not-looked-at")]
+    NotChecked,
 }
 
 /// Result of one check.
@@ -44,13 +45,13 @@ impl fmt::Display for CheckFinding {
         let verdict = match self.verdict {
             CheckVerdict::Ok => "ok",
             CheckVerdict::Failed => "FAILED",
-            CheckVerdict::NotLookedAt => "not checked",
+            CheckVerdict::NotChecked => "not checked",
         };
         let (part, what) = (format!("{:?}", self.part).to_lowercase(), &self.what);
         write!(f, "{part:<8}{verdict:<14} {what}")?;
         if self.took_s >= 0.1 {
             write!(f, " ({:.1} s)", self.took_s)?;
-        } else if self.verdict != CheckVerdict::NotLookedAt {
+        } else if self.verdict != CheckVerdict::NotChecked {
             write!(f, " ({:.1} ms)", 1e3 * self.took_s)?;
         }
         match &self.remedy {
@@ -101,7 +102,7 @@ impl fmt::Display for CheckSummary {
         for finding in &self.findings {
             writeln!(f, "{finding}")?;
         }
-        let [ok, failed, open] = [CheckVerdict::Ok, CheckVerdict::Failed, CheckVerdict::NotLookedAt]
+        let [ok, failed, open] = [CheckVerdict::Ok, CheckVerdict::Failed, CheckVerdict::NotChecked]
             .map(|verdict| self.finding_count(verdict));
         let stopped = if self.stopped { "; stopped by the operator" } else { "" };
         write!(f, "{ok} ok, {failed} failed, {open} not checked{stopped}")?;

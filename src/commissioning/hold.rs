@@ -118,7 +118,7 @@ async fn run_and_halt_jog(check: &MachineCheck<'_>, proven: ProvenJog) -> Result
 
 /// Remedy for the person who configures the hold of the control.
 fn hold_remedy() -> String {
-    format!("check how the control receives a hold. {}", control_hints(|control| Some(control.hold_hint)))
+    format!("check how the control receives a hold. {}", control_hints(|control| Some(control.hold_command_hint)))
 }
 
 /// Judges the jog and reports the finding; returns whether the control is held.

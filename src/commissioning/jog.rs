@@ -7,7 +7,7 @@ use machine::record::machine::StatedAxis;
 use machine::record::motion::{Motion, MotionBlock};
 use machine::record::question::{AxisDirection, Jog};
 use machine::{Axis, Position};
-use planning::proof::{JogProofRequest, ProvenBlock, StageProofError, prove_jog, prove_retract};
+use planning::proof::{ProvenBlock, SingleMoveProofRequest, StageProofError, prove_jog, prove_retract};
 
 /// Feed of a jog, mm/min or degrees/min, slow enough to be watched: a millimetre or a degree takes a second.
 const MAX_JOG_FEED_PER_MIN: f64 = 60.0;
@@ -27,8 +27,8 @@ pub(super) enum JogError {
     NotProven(#[from] StageProofError),
     #[error(transparent)]
     Control(#[from] ControllerError),
-    #[error("the machine was moved by hand: {axis} is at {now:.3}, not at {was:.3}")]
-    PositionChanged { axis: Axis, was: f64, now: f64 },
+    #[error("the machine was moved by hand: {axis} is at {reported_mm_or_deg:.3}, not at {expected_mm_or_deg:.3}")]
+    PositionChanged { axis: Axis, expected_mm_or_deg: f64, reported_mm_or_deg: f64 },
 }
 
 fn proof_error_prefix(error: &StageProofError) -> &'static str {
@@ -55,11 +55,16 @@ impl JogError {
     }
 }
 
-/// A jog by `by` away from the nearer limit. `None`: the axis lacks the travel.
-pub(super) fn jog_away_from_limit(axis: Axis, by: f64, spec: &StatedAxis, position: &Position) -> Option<Jog> {
+/// A jog by `distance_mm_or_deg` away from the nearer limit. `None`: the axis lacks the travel.
+pub(super) fn jog_away_from_limit(
+    axis: Axis,
+    distance_mm_or_deg: f64,
+    spec: &StatedAxis,
+    position: &Position,
+) -> Option<Jog> {
     let here = axis.to_mm_or_deg(position.get(axis)?);
     let (up, down) = (spec.max - here, here - spec.min);
-    let by = if up >= down { by } else { -by };
+    let by = if up >= down { distance_mm_or_deg } else { -distance_mm_or_deg };
     let feed_per_min = MAX_JOG_FEED_PER_MIN.min(spec.rapid_per_min);
     (up.max(down) >= by.abs() && up.min(down) >= -LIMIT_TOLERANCE_MM_OR_DEG).then_some(Jog { axis, by, feed_per_min })
 }
@@ -106,7 +111,7 @@ fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: Mo
     let block = MotionBlock { step: JOG_N_WORD_NUMBER, repeat: 0, motions: vec![motion] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
     let plan = setup::plan_without_steps(check.machine_file, "check", serde_json::Value::Null);
-    let request = JogProofRequest {
+    let request = SingleMoveProofRequest {
         plan: &plan,
         start_position: position,
         axis,
@@ -177,7 +182,7 @@ async fn check_position_unchanged(check: &MachineCheck<'_>) -> Result<(), JogErr
     for (axis, at) in check.position.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S) {
         let (was, now) = (axis.to_mm_or_deg(at), axis.to_mm_or_deg(now.get_or_zero(axis)));
         if (now - was).abs() > UNMOVED_TOLERANCE_MM_OR_DEG {
-            return Err(JogError::PositionChanged { axis, was, now });
+            return Err(JogError::PositionChanged { axis, expected_mm_or_deg: was, reported_mm_or_deg: now });
         }
     }
     Ok(())

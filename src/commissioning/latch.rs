@@ -142,7 +142,7 @@ fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: 
             vibration",
         ),
     }
-    if let Some(text) = &result.delay_text {
+    if let Some(text) = &result.significant_delay_text {
         if result.delay_s > 0.0 {
             check.report_ok(CheckPart::Latch, part_started, text);
         } else {
@@ -160,7 +160,7 @@ fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: 
 
 /// Compares the scatter of the touches with the declared repeatability.
 fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, part_started: Instant) {
-    match (&result.scatter_text, probe.repeatability_um) {
+    match (&result.excess_scatter_text, probe.repeatability_um) {
         (Some(text), _) => check.report_failed(
             CheckPart::Latch,
             part_started,
@@ -177,7 +177,7 @@ fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe
                 "the touches have a standard deviation of {scatter_um:.2} µm; declared are \
                 {um} µm"
             );
-            if let Some(bound_mm) = result.max_explained_scatter_mm {
+            if let Some(bound_mm) = result.max_explained_slow_touch_std_dev_mm {
                 let bound = bound_mm * 1e3;
                 what += &format!(
                     " (with so few touches, a contradiction is detectable only above \

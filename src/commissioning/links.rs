@@ -40,12 +40,13 @@ pub(super) async fn end_with_link_fault<T>(
     check.devices = None;
     if let ControlConfig::Real(control) = &check.machine_file.controller_section.control {
         let machine = &check.machine_file.machine;
-        let request = ConnectionDiagnosisRequest { machine, failure: error, mode: DiagnosisMode::Passive };
+        let request = ConnectionDiagnosisRequest { machine, failure: error, mode: DiagnosisMode::ConfiguredSettings };
         let mut diagnoses = control.diagnose_connection(request).await;
-        let is_unclear = diagnoses.is_empty() || diagnoses.iter().any(|diagnosis| diagnosis.needs_active_search);
+        let is_unclear =
+            diagnoses.is_empty() || diagnoses.iter().any(|diagnosis| diagnosis.needs_other_settings_search);
         if is_unclear && check.prompt_operator(active_diagnosis_question()).await? == OperatorAnswer::Yes {
             diagnoses = control
-                .diagnose_connection(ConnectionDiagnosisRequest { mode: DiagnosisMode::Active, ..request })
+                .diagnose_connection(ConnectionDiagnosisRequest { mode: DiagnosisMode::OtherSettings, ..request })
                 .await;
         }
         for diagnosis in diagnoses {

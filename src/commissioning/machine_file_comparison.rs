@@ -24,13 +24,13 @@ pub(super) fn machine_file_differences(machine: &Machine, info: &DeviceInfo) -> 
         match info.axes.get(axis) {
             Some(info) => differences.extend(axis_differences(*axis, spec, info)),
             None if info.axes.is_empty() => {}
-            None => differences.push(missing_axis_difference(*axis, info)),
+            None => differences.push(axis_missing_at_control(*axis, info)),
         }
     }
     differences
 }
 
-fn missing_axis_difference(axis: Axis, info: &DeviceInfo) -> MachineFileDifference {
+fn axis_missing_at_control(axis: Axis, info: &DeviceInfo) -> MachineFileDifference {
     let has: Vec<String> = info.axes.keys().map(Axis::to_string).collect();
     let has = has.join(", ");
     MachineFileDifference {

@@ -212,7 +212,7 @@ impl<'a> MachineCheck<'a> {
     }
 
     fn report_unchecked(&mut self, part: CheckPart, why: impl Into<String>) {
-        self.add_finding(part, CheckVerdict::NotLookedAt, Instant::now(), why.into(), None);
+        self.add_finding(part, CheckVerdict::NotChecked, Instant::now(), why.into(), None);
     }
 
     fn add_finding(

@@ -118,8 +118,8 @@ async fn wait_for_probe_input(
 }
 
 impl ProbeInputBehaviour {
-    /// Fault and remedy; `None` if the input works. `polarity`: the setting that inverts the input at the control.
-    fn fault_and_remedy(&self, polarity: Option<&str>) -> Option<(String, String)> {
+    /// Fault and remedy; `None` if the input works. `polarity_hint`: the setting that inverts the input at the control.
+    fn fault_and_remedy(&self, polarity_hint: Option<&str>) -> Option<(String, String)> {
         let (what, remedy) = match (self.is_closed_at_rest, self.follows_stylus) {
             (false, true) if self.returns_to_rest => return None,
             (false, true) => (
@@ -136,7 +136,7 @@ impl ProbeInputBehaviour {
             ),
             (true, true) => (
                 "the probe input reads closed at rest and open while deflected: the input is inverted",
-                polarity.unwrap_or("invert the polarity of the probe input at the control"),
+                polarity_hint.unwrap_or("invert the polarity of the probe input at the control"),
             ),
             (true, false) => (
                 "the probe input stays closed with the stylus free and deflected: the input is stuck",

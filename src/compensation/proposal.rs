@@ -7,7 +7,7 @@ use super::target::{CompensationTarget, TargetError};
 use super::targets::open_target;
 use super::values_record::has_run_with_values;
 use crate::setup::{ControlConfig, MachineFile, MachineFileError};
-use crate::store::{Journal, RunId, StoreError, StoredEstimate, StoredRun, sha256};
+use crate::store::{Journal, RunId, StoreError, StoredEstimate, StoredRun, sha256_of_json};
 use machine::kinematics::{ErrorParameter, KinematicChain};
 use machine::record::estimate::{Estimate, Parameter, Unit, Verdict};
 use machine::record::machine::Machine;
@@ -123,7 +123,7 @@ impl ControlProposal {
     /// # Errors
     /// The proposal cannot be written as JSON.
     pub fn sha256(&self) -> Result<String, serde_json::Error> {
-        sha256(self)
+        sha256_of_json(self)
     }
 }
 
@@ -226,7 +226,7 @@ fn predict_before_and_after(
     control: &ControlModel,
     proposal: &Proposal,
 ) -> Result<Option<[PredictedError; 2]>, MethodRefusal> {
-    if estimate.measured.is_empty() || proposal.positions.is_empty() {
+    if estimate.measured_ranges.is_empty() || proposal.positions.is_empty() {
         return Ok(None);
     }
     let chain = KinematicChain::new(machine)?;

@@ -67,8 +67,8 @@ fn correction_sheet(run: RunId, stored: &StoredRun) -> Result<CorrectionSheet, C
                     value: format_fixed(own.value, decimals),
                     expanded: format_fixed(own.expanded, decimals),
                     unit: own.unit.symbol(),
-                    stated: String::new(),
-                    remark: String::new(),
+                    stated_in_machine_file: String::new(),
+                    not_determined_reason: String::new(),
                 }
             })
             .collect(),
@@ -83,11 +83,11 @@ fn position_row(measured: &MeasuredAxisPositions<'_>, coordinate: AxisCoordinate
         value: String::new(),
         expanded: String::new(),
         unit: "mm",
-        stated: measured.stated_mm(coordinate).map_or(String::new(), number),
-        remark: String::new(),
+        stated_in_machine_file: measured.stated_mm(coordinate).map_or(String::new(), number),
+        not_determined_reason: String::new(),
     };
     match measured.position(coordinate) {
         Ok(position) => SheetRow { value: number(position.mm), expanded: number(position.expanded_mm), ..row },
-        Err(refusal) => SheetRow { remark: format!("{}; {}", refusal.reason, refusal.remedy), ..row },
+        Err(refusal) => SheetRow { not_determined_reason: format!("{}; {}", refusal.reason, refusal.remedy), ..row },
     }
 }

@@ -49,7 +49,7 @@ pub fn recorded_values_in_readings<'a>(file: &MachineFile, stored: &'a StoredRun
     let Some(config) = file.compensation.iter().find(in_readings) else { return Some("") };
     let prefix = list_prefix(config.kind());
     let mut recorded = stored.events.iter().filter_map(|(_, event)| match event {
-        RunEvent::Announced { text } if text.starts_with(&prefix) => Some(text.as_str()),
+        RunEvent::OperatorMessage { text } if text.starts_with(&prefix) => Some(text.as_str()),
         _ => None,
     });
     let first = recorded.next()?;
@@ -60,7 +60,7 @@ pub fn recorded_values_in_readings<'a>(file: &MachineFile, stored: &'a StoredRun
 pub(super) fn has_run_with_values(stored: &StoredRun, kind: &str, values: &[ControlValue]) -> bool {
     let [prefix, present] = [list_prefix(kind), list_values(kind, values)];
     let mut recorded = stored.events.iter().filter_map(|(_, event)| match event {
-        RunEvent::Announced { text } => text.starts_with(&prefix).then_some(text),
+        RunEvent::OperatorMessage { text } => text.starts_with(&prefix).then_some(text),
         _ => None,
     });
     let first = recorded.next();

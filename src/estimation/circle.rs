@@ -29,7 +29,7 @@ pub enum CircleError {
 pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
     let RadialFit { centre, radius, .. } = radial_fit::fit_circle_or_sphere(points).map_err(|error| match error {
         RadialError::TooFewPoints(count) => CircleError::TooFewPoints(count),
-        RadialError::Flat => CircleError::Collinear,
+        RadialError::CollinearOrCoplanar => CircleError::Collinear,
         RadialError::NotFinite => CircleError::NotFinite,
         RadialError::NotConverged => CircleError::NotConverged,
     })?;

@@ -58,7 +58,7 @@ impl ColumnMatrix {
 
     /// Makes the first `pivots` columns orthonormal and subtracts their components from all other columns. Returns
     /// R (pivots × columns), and whether one of the first `pivots` columns is a linear combination of those before it.
-    pub fn orthonormalise_leading(&mut self, pivots: usize) -> (Mat<f64>, bool) {
+    pub fn orthonormalise_leading_columns(&mut self, pivots: usize) -> (Mat<f64>, bool) {
         Arch::new().dispatch(OrthonormaliseColumns { columns: self, pivots })
     }
 

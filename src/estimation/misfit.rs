@@ -24,15 +24,20 @@ pub struct Misfit {
 }
 
 impl Misfit {
-    /// Compares `residuals` with what the sources predict. `residual_draws`: for each independent draw of one standard
-    /// uncertainty, the part that remains in the residuals (a vector of the same length as `residuals`). The bounds
-    /// are those of a scaled χ² distribution with the mean and the variance that the draws cause (Satterthwaite).
-    /// If `is_declared`, the uncertainty factor is 1 unless χ² is above its upper bound; otherwise the factor follows
-    /// from the residuals. `dof`: rows less rank. If `dof` is 0, the expectation is only rounding error: the factor is
-    /// 1 and no bound is exceeded.
-    pub fn from_residuals(residuals: &[f64], residual_draws: &[Vec<f64>], dof: usize, is_declared: bool) -> Self {
+    /// Compares `residuals` with what the sources predict. `residuals_of_unit_draws`: for each independent draw of one
+    /// standard uncertainty, the part that remains in the residuals (a vector of the same length as `residuals`). The
+    /// bounds are those of a scaled χ² distribution with the mean and the variance that the draws cause
+    /// (Satterthwaite). If `is_declared`, the uncertainty factor is 1 unless χ² is above its upper bound; otherwise the
+    /// factor follows from the residuals. `dof`: rows less rank. If `dof` is 0, the expectation is only rounding error:
+    /// the factor is 1 and no bound is exceeded.
+    pub fn from_residuals(
+        residuals: &[f64],
+        residuals_of_unit_draws: &[Vec<f64>],
+        dof: usize,
+        is_declared: bool,
+    ) -> Self {
         let rows = residuals.len();
-        let left = Mat::from_fn(rows, residual_draws.len(), |i, j| residual_draws[j][i]);
+        let left = Mat::from_fn(rows, residuals_of_unit_draws.len(), |i, j| residuals_of_unit_draws[j][i]);
         let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
         let joint = if rows < left.ncols() { &left * left.transpose() } else { left.transpose() * &left };
         let effective = expected * expected / joint.squared_norm_l2();

@@ -83,14 +83,14 @@ struct FactorBlock {
 
 /// Factorises the rows of all blocks. Returns the factorisation and the coordinates of the right-hand side along
 /// the orthonormal columns. All blocks have the same common unknowns.
-pub fn factorise(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
+pub fn factorise_and_project_right_side(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
     let common = blocks.first().map_or(0, |rows| rows.columns.column_count() - rows.own_unknown_count - 1);
     let total = blocks.iter().map(|rows| rows.columns.row_count()).sum();
     let mut rest = ColumnMatrix::zeros(total, common + 1);
     let (mut factored, mut coordinates) = (Vec::with_capacity(blocks.len()), Vec::new());
     let (mut is_rank_deficient, mut first) = (false, 0);
     for BlockRows { own_unknown_count: own_count, mut columns } in blocks {
-        let (r, is_dependent) = columns.orthonormalise_leading(own_count);
+        let (r, is_dependent) = columns.orthonormalise_leading_columns(own_count);
         is_rank_deficient |= is_dependent;
         for j in 0..=common {
             rest.column_mut(j)[first..][..columns.row_count()].copy_from_slice(columns.column(own_count + j));
@@ -104,7 +104,7 @@ pub fn factorise(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
             coupling: r.get(.., own_count..own_count + common).to_owned(),
         });
     }
-    let (r, is_dependent) = rest.orthonormalise_leading(common);
+    let (r, is_dependent) = rest.orthonormalise_leading_columns(common);
     let of_common: Vec<f64> = (0..common).map(|i| r[(i, common)]).collect();
     coordinates.splice(0..0, of_common);
     rest.truncate_columns(common);
@@ -151,7 +151,7 @@ impl BlockFactorisation {
 
     /// Computes [`solve`](Self::solve) and [`residuals`](Self::residuals) for the values `y` of all rows in one
     /// pass over the rows.
-    pub fn solution_and_remainder(&self, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
+    pub fn solution_and_residuals(&self, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
         let coordinates = self.subtract_projections(&mut y);
         (self.unknowns_from_coordinates(&coordinates), y)
     }

@@ -35,7 +35,7 @@ pub fn fit_sphere(points: &[[f64; 3]]) -> Result<FittedSphere, SphereError> {
     let RadialFit { centre, radius, residuals, covariance } =
         radial_fit::fit_circle_or_sphere(points).map_err(|error| match error {
             RadialError::TooFewPoints(count) => SphereError::TooFewPoints(count),
-            RadialError::Flat => SphereError::Coplanar,
+            RadialError::CollinearOrCoplanar => SphereError::Coplanar,
             RadialError::NotFinite => SphereError::NotFinite,
             RadialError::NotConverged => SphereError::NotConverged,
         })?;

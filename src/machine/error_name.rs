@@ -7,21 +7,21 @@ use crate::Axis;
 ///
 /// In the symbols of ISO 230-1 the first letter is the direction of the error, and the last is the axis that has it. An
 /// angular location error of a linear axis is its squareness.
-pub fn error_name(symbol: &str) -> Option<String> {
+pub fn geometric_error_name(symbol: &str) -> Option<String> {
     if let Some((minuend, subtrahend)) = symbol.split_once('-') {
-        return Some(format!("{} minus {}", error_name(minuend)?, error_name(subtrahend)?));
+        return Some(format!("{} minus {}", geometric_error_name(minuend)?, geometric_error_name(subtrahend)?));
     }
     let letters: Vec<char> = symbol.strip_prefix('E')?.chars().collect();
     let axis = |letter: char| letter.to_string().parse::<Axis>().ok();
     match letters.as_slice() {
-        [direction, '0', of] => Some(location_name(axis(*direction)?, axis(*of)?)),
+        [direction, '0', of] => Some(location_error_name(axis(*direction)?, axis(*of)?)),
         [direction, of, '1'] => Some(gain_name(axis(*direction)?, axis(*of)?)),
-        [direction, of] => Some(motion_name(axis(*direction)?, axis(*of)?)),
+        [direction, of] => Some(error_motion_name(axis(*direction)?, axis(*of)?)),
         _ => None,
     }
 }
 
-fn location_name(direction: Axis, axis: Axis) -> String {
+fn location_error_name(direction: Axis, axis: Axis) -> String {
     if direction.is_linear() {
         return format!("position of {} in {direction}", axis_name(axis));
     }
@@ -36,7 +36,7 @@ fn gain_name(direction: Axis, axis: Axis) -> String {
     if direction == axis { format!("scale of {axis}") } else { format!("slope of {axis} in {direction}") }
 }
 
-fn motion_name(direction: Axis, axis: Axis) -> String {
+fn error_motion_name(direction: Axis, axis: Axis) -> String {
     let moving = axis_name(axis);
     match (direction.is_linear(), third_direction(direction, axis)) {
         (true, _) if axis.is_linear() && direction == axis => format!("positioning error of {moving}"),
@@ -90,10 +90,10 @@ mod tests {
             ("EYX", "straightness of X in Y"),
             ("EAX", "roll of X"),
         ] {
-            assert_eq!(error_name(symbol).as_deref(), Some(name), "{symbol}");
+            assert_eq!(geometric_error_name(symbol).as_deref(), Some(name), "{symbol}");
         }
         for symbol in ["", "E", "E_radial", "tool_x", "EXC_c1", "EQ0C", "EX0"] {
-            assert_eq!(error_name(symbol), None, "{symbol}");
+            assert_eq!(geometric_error_name(symbol), None, "{symbol}");
         }
     }
 }

@@ -14,4 +14,4 @@ pub mod kinematics;
 pub mod record;
 
 pub use axis::{Axis, Position};
-pub use error_name::error_name;
+pub use error_name::geometric_error_name;

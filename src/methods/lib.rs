@@ -205,7 +205,7 @@ impl IdentifyError {
 
     /// # Errors
     /// A reading belongs to no step of the plan, or has the step and the repeat of an earlier reading.
-    pub fn check_readings(plan: &Plan, readings: &[Reading]) -> Result<(), Self> {
+    pub fn check_known_and_unique(plan: &Plan, readings: &[Reading]) -> Result<(), Self> {
         let mut known_readings = BTreeSet::new();
         for reading in readings {
             Self::check_known_steps(plan, std::slice::from_ref(reading))?;
@@ -307,13 +307,13 @@ pub struct MethodDescription {
     /// What the method identifies.
     pub results: &'static str,
     /// Machine file in `config/` of the simulated machine that is used when the user names no machine.
-    pub machine_file: &'static str,
+    pub default_machine_file: &'static str,
     /// Publication or document that describes the method.
     pub source: &'static str,
     /// Names of the method's results, except axis errors and the coordinates of stylus and balls.
     pub symbol_names: &'static [SymbolPattern],
     /// Whether the method's setting `repeats` is the number of passes of the whole cycle.
-    pub has_passes: bool,
+    pub has_cycle_passes: bool,
 }
 
 /// A method that the registry can hold.

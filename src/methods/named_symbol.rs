@@ -2,36 +2,38 @@
 
 use crate::prediction::VOLUMETRIC_ERROR_SYMBOL;
 use crate::registry::method_description;
-use crate::symbol_names::{NamedSymbol, ResultGroup, SymbolPattern, find_pattern, harmonics, main, setup};
-use machine::error_name;
+use crate::symbol_names::{
+    NamedSymbol, ResultGroup, SymbolPattern, harmonic_result, main_result, name_by_pattern, setup_result,
+};
+use machine::geometric_error_name;
 
 /// Suffixes of several methods: `EXC_range` is the range of the error motion EXC.
-const SUFFIXES: &[SymbolPattern] = &[
-    main("range", "range over one revolution"),
-    main("synchronous", "synchronous value (mean of all revolutions)"),
-    main("asynchronous", "asynchronous value (spread between revolutions)"),
-    main("total", "with the effect of its location errors"),
-    main("fundamental", "fundamental value (first harmonic)"),
-    main("residual_synchronous", "residual synchronous value (without the first harmonic)"),
-    main("reversal", "difference between the two senses of rotation"),
-    main("lsc", "by the least-squares circle (ISO 230-7), not by the mean"),
-    main("spectrum", "amplitudes of the harmonics"),
-    main("stops", "values at the stops"),
-    harmonics("cos*", "harmonic *, cosine part"),
-    harmonics("sin*", "harmonic *, sine part"),
-    harmonics("c*", "harmonic *, cosine part"),
-    harmonics("s*", "harmonic *, sine part"),
+const SUFFIX_NAMES: &[SymbolPattern] = &[
+    main_result("range", "range over one revolution"),
+    main_result("synchronous", "synchronous value (mean of all revolutions)"),
+    main_result("asynchronous", "asynchronous value (spread between revolutions)"),
+    main_result("total", "with the effect of its location errors"),
+    main_result("fundamental", "fundamental value (first harmonic)"),
+    main_result("residual_synchronous", "residual synchronous value (without the first harmonic)"),
+    main_result("reversal", "difference between the two senses of rotation"),
+    main_result("lsc", "by the least-squares circle (ISO 230-7), not by the mean"),
+    main_result("spectrum", "amplitudes of the harmonics"),
+    main_result("stops", "values at the stops"),
+    harmonic_result("cos*", "harmonic *, cosine part"),
+    harmonic_result("sin*", "harmonic *, sine part"),
+    harmonic_result("c*", "harmonic *, cosine part"),
+    harmonic_result("s*", "harmonic *, sine part"),
 ];
 
 /// Results of several methods.
 const COMMON_SYMBOLS: &[SymbolPattern] = &[
-    main(VOLUMETRIC_ERROR_SYMBOL, "largest position error of the tool over the measured volume"),
-    setup("tool_x", "stylus tip: X"),
-    setup("tool_y", "stylus tip: Y"),
-    setup("tool_z", "stylus tip: Z"),
-    setup("ball_*_x", "ball *: X"),
-    setup("ball_*_y", "ball *: Y"),
-    setup("ball_*_z", "ball *: Z"),
+    main_result(VOLUMETRIC_ERROR_SYMBOL, "largest position error of the tool over the measured volume"),
+    setup_result("tool_x", "stylus tip: X"),
+    setup_result("tool_y", "stylus tip: Y"),
+    setup_result("tool_z", "stylus tip: Z"),
+    setup_result("ball_*_x", "ball *: X"),
+    setup_result("ball_*_y", "ball *: Y"),
+    setup_result("ball_*_z", "ball *: Z"),
 ];
 
 /// Name of `symbol` in an estimate or a figure of `method`. `None`: the symbol has no name here, because it is already
@@ -41,14 +43,14 @@ pub fn named_symbol(method: &str, symbol: &str) -> Option<NamedSymbol> {
         let NamedSymbol { name, group } = named_symbol(method, own)?;
         return Some(NamedSymbol { name: format!("{name}, at Z = {height_mm} mm"), group });
     }
-    if let Some(name) = error_name(symbol) {
+    if let Some(name) = geometric_error_name(symbol) {
         return Some(NamedSymbol { name, group: ResultGroup::Main });
     }
     let own_patterns = method_description(method).map_or(&[][..], |description| description.symbol_names);
-    find_pattern(own_patterns, symbol).or_else(|| find_pattern(COMMON_SYMBOLS, symbol)).or_else(|| {
+    name_by_pattern(own_patterns, symbol).or_else(|| name_by_pattern(COMMON_SYMBOLS, symbol)).or_else(|| {
         let (error, suffix) = symbol.split_once('_')?;
-        let NamedSymbol { name, group } = find_pattern(SUFFIXES, suffix)?;
-        Some(NamedSymbol { name: format!("{}: {name}", error_name(error)?), group })
+        let NamedSymbol { name, group } = name_by_pattern(SUFFIX_NAMES, suffix)?;
+        Some(NamedSymbol { name: format!("{}: {name}", geometric_error_name(error)?), group })
     })
 }
 

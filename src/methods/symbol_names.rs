@@ -32,20 +32,20 @@ pub struct NamedSymbol {
 }
 
 /// A result of the group [`ResultGroup::Main`].
-pub const fn main(pattern: &'static str, name: &'static str) -> SymbolPattern {
+pub const fn main_result(pattern: &'static str, name: &'static str) -> SymbolPattern {
     SymbolPattern { pattern, name, group: ResultGroup::Main }
 }
 
-pub const fn harmonics(pattern: &'static str, name: &'static str) -> SymbolPattern {
+pub const fn harmonic_result(pattern: &'static str, name: &'static str) -> SymbolPattern {
     SymbolPattern { pattern, name, group: ResultGroup::Harmonics }
 }
 
-pub const fn setup(pattern: &'static str, name: &'static str) -> SymbolPattern {
+pub const fn setup_result(pattern: &'static str, name: &'static str) -> SymbolPattern {
     SymbolPattern { pattern, name, group: ResultGroup::Setup }
 }
 
 /// Name and group of `symbol` by the first of the `patterns` that matches it.
-pub fn find_pattern(patterns: &[SymbolPattern], symbol: &str) -> Option<NamedSymbol> {
+pub fn name_by_pattern(patterns: &[SymbolPattern], symbol: &str) -> Option<NamedSymbol> {
     patterns.iter().find_map(|SymbolPattern { pattern, name, group }| {
         let name = match pattern.split_once('*') {
             None => (symbol == *pattern).then(|| (*name).to_owned())?,

@@ -37,7 +37,7 @@ pub const POLE_TOUCH_DIRECTION_NAME: &str = "pole";
 const SPREAD_TOUCH_CANDIDATE_COUNT: u32 = 90;
 /// Maximum standard deviation of the fitted centre in its worst direction, relative to that of one touch; with all
 /// five touches it is 1.1.
-const MAX_CENTRE_SD_RATIO: f64 = 3.0;
+const MAX_CENTRE_TO_TOUCH_SD_RATIO: f64 = 3.0;
 
 /// Name and outward normal of a touch that no obstacle blocks.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,7 +90,7 @@ pub(super) struct TouchExtent {
     /// Distance beyond the expected contact at which the touch ends.
     pub beyond_mm: f64,
     /// Maximum distance of the ball from its expected position, mm.
-    pub uncertainty_mm: f64,
+    pub max_ball_misplacement_mm: f64,
 }
 
 /// Checks which touches are accessible, from the machine and everything on it.
@@ -147,7 +147,7 @@ impl TouchAccess {
         let pole = new_touch_direction(POLE_TOUCH_DIRECTION_NAME, normal(0.0, 90.0));
         free(&pole)?;
         contacts.push(pole);
-        let enough = contacts.len() >= 4 && worst_centre_sd_ratio(&contacts) <= MAX_CENTRE_SD_RATIO;
+        let enough = contacts.len() >= 4 && worst_centre_to_touch_sd_ratio(&contacts) <= MAX_CENTRE_TO_TOUCH_SD_RATIO;
         if let (false, Some(reason)) = (enough, blocked) {
             return Err(BallAccessError::TooFewTouches { free: contacts.len(), reason: Box::new(reason) });
         }
@@ -243,7 +243,7 @@ impl TouchAccess {
             |distance_mm| self.position_beside_ball(ball, rotary, contact.normal, contact_distance_mm + distance_mm);
         let (from, touched) = (place(extent.before_mm)?, place(0.0)?);
         self.check_within_travel(&from)?;
-        self.check_within_travel(&place(-extent.uncertainty_mm)?)?;
+        self.check_within_travel(&place(-extent.max_ball_misplacement_mm)?)?;
         let over = self.surroundings.clear_z_command_on_path(&from, &from, MIN_TOOL_CLEARANCE_MM);
         // `over` is −∞ if no body is below; then no clearance height is needed.
         if over > f64::NEG_INFINITY {
@@ -299,7 +299,7 @@ fn add_farthest_touches(contacts: &mut Vec<TouchDirection>, mut more: Vec<TouchD
 
 /// Standard deviation of the fitted centre in its worst direction, relative to that of one touch; centre and radius
 /// are fitted.
-fn worst_centre_sd_ratio(contacts: &[TouchDirection]) -> f64 {
+fn worst_centre_to_touch_sd_ratio(contacts: &[TouchDirection]) -> f64 {
     let rows = contacts.iter().map(|contact| contact.normal.push(1.0));
     let information: Matrix4<f64> = rows.map(|row| row * row.transpose()).sum();
     if information.determinant() < 1e-6 {

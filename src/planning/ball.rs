@@ -38,10 +38,10 @@ impl BallTouchMode {
             Self::Search { uncertainty_mm, standoff_mm } => TouchExtent {
                 before_mm: uncertainty_mm + standoff_mm,
                 beyond_mm: uncertainty_mm + SEARCH_OVERRUN_MM,
-                uncertainty_mm,
+                max_ball_misplacement_mm: uncertainty_mm,
             },
             Self::Measure { standoff_mm, search_mm } => {
-                TouchExtent { before_mm: standoff_mm, beyond_mm: search_mm, uncertainty_mm: search_mm }
+                TouchExtent { before_mm: standoff_mm, beyond_mm: search_mm, max_ball_misplacement_mm: search_mm }
             }
         }
     }

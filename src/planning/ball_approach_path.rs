@@ -23,7 +23,7 @@ const MAX_SAME_BALL_DISTANCE_MM: f64 = 60.0;
 
 /// Plans the path to the start of the touch, or to a point above the start. Returns the position at which the block
 /// ends: beside the ball if possible, otherwise above the ball.
-pub(super) fn plan_ball_approach(
+pub(super) fn plan_ball_approach_and_block_end(
     path: &mut MotionSequence,
     plan: &Plan,
     step: &Step,
@@ -83,7 +83,7 @@ impl BallApproachPath<'_> {
 
     fn move_via_top_z(&self, path: &mut MotionSequence, high: f64) {
         path.add_rapid(&z_position(self.safe_heights.top_z));
-        path.add_rapids_above(self.touch_start, high);
+        path.add_rapids_across_and_down(self.touch_start, high);
     }
 
     /// Moves the rotary axes, X and Y together, at a Z above all obstacles during the whole motion.

@@ -11,11 +11,11 @@ use machine::{Position, frame::Point};
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredBall {
     /// X, Y, Z at which the stylus-ball centre coincides with the ball's centre, and the rotary axes.
-    pub position: Position,
+    pub axis_positions_at_centre: Position,
     /// Centre of the ball in the table frame of the nominal machine, mm.
-    pub centre_mm: Vector3<f64>,
+    pub centre_in_table_mm: Vector3<f64>,
     /// Covariance of X, Y, Z, mm², for a standard uncertainty of one touch of 1 mm: multiply by u².
-    pub cofactor: Matrix3<f64>,
+    pub axis_position_cofactor: Matrix3<f64>,
     /// Diameter of the ball: the stated stylus ball is subtracted. Pre-travel makes the value smaller.
     pub diameter_mm: f64,
     /// Largest minus smallest residual of the fitted sphere, mm.
@@ -38,9 +38,9 @@ pub enum BallCheckError {
     )]
     FormTooLarge { ball: String, at: String, form: f64, limit: f64 },
     #[error(
-        "ball {ball} at {at}: the measured diameter {diameter:.3} mm differs from the expected {stated:.3} mm by more than {limit:.3} mm; check for dirt, a loose ball or a wrong stylus"
+        "ball {ball} at {at}: the measured diameter {diameter:.3} mm differs from the expected {expected_diameter:.3} mm by more than {limit:.3} mm; check for dirt, a loose ball or a wrong stylus"
     )]
-    DiameterDeviates { ball: String, at: String, diameter: f64, stated: f64, limit: f64 },
+    DiameterDeviates { ball: String, at: String, diameter: f64, expected_diameter: f64, limit: f64 },
     #[error("ball {ball} at {at}: {source}")]
     SphereFitFailed { ball: String, at: String, source: SphereError },
     #[error(transparent)]
@@ -73,9 +73,9 @@ pub fn evaluate_ball(
     let axes_from_table = chain.inverse_linear_axes_jacobian(&rotary, &[])?;
     let of_table = Matrix3::from(fitted.centre_covariance(1.0));
     Ok(MeasuredBall {
-        position: rotary.updated_by(&xyz),
-        centre_mm: centre,
-        cofactor: axes_from_table * of_table * axes_from_table.transpose(),
+        axis_positions_at_centre: rotary.updated_by(&xyz),
+        centre_in_table_mm: centre,
+        axis_position_cofactor: axes_from_table * of_table * axes_from_table.transpose(),
         diameter_mm: 2.0 * (fitted.radius - probe.ball_radius_mm),
         form_mm: fitted.form_deviation(),
     })
@@ -93,15 +93,16 @@ impl MeasuredBall {
         limits: &BallLimits,
     ) -> Result<(), BallCheckError> {
         let (form, limit) = (self.form_mm, limits.max_form_mm);
-        let (ball, at) = (ball.to_owned(), format_rotary_position(&self.position));
+        let (ball, at) = (ball.to_owned(), format_rotary_position(&self.axis_positions_at_centre));
         if form.is_nan() || form > limit {
             return Err(BallCheckError::FormTooLarge { ball, at, form, limit });
         }
-        let (diameter, stated, limit) = (self.diameter_mm, expected_diameter_mm, limits.max_diameter_deviation_mm);
-        if (diameter - stated).abs() <= limit {
+        let (diameter, expected_diameter, limit) =
+            (self.diameter_mm, expected_diameter_mm, limits.max_diameter_deviation_mm);
+        if (diameter - expected_diameter).abs() <= limit {
             return Ok(());
         }
-        Err(BallCheckError::DiameterDeviates { ball, at, diameter, stated, limit })
+        Err(BallCheckError::DiameterDeviates { ball, at, diameter, expected_diameter, limit })
     }
 }
 

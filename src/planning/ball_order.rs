@@ -30,7 +30,7 @@ impl TravelTimes {
 
     /// Indices of the places in visiting order. With a start position, only the `first_candidate_count` places nearest
     /// to the start are tried as first place.
-    pub fn visiting_order(&self, first_count: usize) -> Vec<usize> {
+    pub fn visiting_order(&self, first_candidate_count: usize) -> Vec<usize> {
         let pairwise_s = &self.pairwise_s;
         let Some(from_start_s) = &self.from_start_s else {
             let all = 0..pairwise_s.len();
@@ -42,7 +42,8 @@ impl TravelTimes {
         nodes.extend(pairwise_s.iter().map(|row| [&[0.0], &row[..]].concat()));
         let mut order: Vec<usize> = (1..nodes.len()).collect();
         order.sort_by(|a, b| nodes[0][*a].total_cmp(&nodes[0][*b]));
-        let begun = order.into_iter().take(first_count).map(|first| nearest_neighbour_tour(&nodes, vec![0, first]));
+        let begun =
+            order.into_iter().take(first_candidate_count).map(|first| nearest_neighbour_tour(&nodes, vec![0, first]));
         let tour = fastest_tour(begun.map(|tour| improve_tour(tour, 1, &nodes)), &nodes);
         tour.into_iter().skip(1).map(|node| node - 1).collect()
     }

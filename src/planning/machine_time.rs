@@ -13,7 +13,7 @@ pub struct MachineTime {
     /// Moves of X, Y, Z alone, without touches.
     pub linear_move_s: f64,
     /// Moves in which a rotary axis or the spindle turns.
-    pub rotary_s: f64,
+    pub rotary_move_s: f64,
     /// Dwells.
     pub dwell_s: f64,
 }
@@ -29,7 +29,7 @@ impl MachineTime {
     }
 
     pub fn total_s(&self) -> f64 {
-        self.touch_s + self.linear_move_s + self.rotary_s + self.dwell_s
+        self.touch_s + self.linear_move_s + self.rotary_move_s + self.dwell_s
     }
 
     fn add_block(&mut self, block: &MotionBlock, position: &mut Position, machine: &Machine) {
@@ -51,7 +51,7 @@ impl MachineTime {
                 |(axis, end): (Axis, f64)| !axis.is_linear() && position.get(axis).is_some_and(|from| from != end);
             let spent = match motion {
                 Motion::Probe { .. } | Motion::BackOff { .. } => &mut self.touch_s,
-                _ if to.iter().any(turns) => &mut self.rotary_s,
+                _ if to.iter().any(turns) => &mut self.rotary_move_s,
                 _ => &mut self.linear_move_s,
             };
             *spent += motion_time_s(position, &to, feed, machine);

@@ -24,7 +24,7 @@ impl MotionSequence {
     }
 
     /// Adds motions in this order: rotary axes, spindle orientation, X and Y as in `to`, and last Z to `z`.
-    pub fn add_rapids_above(&mut self, to: &Position, z: f64) {
+    pub fn add_rapids_across_and_down(&mut self, to: &Position, z: f64) {
         self.add_rapid(&to.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
         self.add_spindle_orientation(to.get(Axis::S));
         self.add_rapid(&to.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));

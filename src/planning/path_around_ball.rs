@@ -33,7 +33,7 @@ struct ArtefactBall {
     /// Distance of the stylus ball's centre from this centre at contact, mm.
     contact_distance_mm: f64,
     /// Maximum distance of the ball from its expected position, mm.
-    uncertainty_mm: f64,
+    max_misplacement_mm: f64,
 }
 
 /// Positions of the path from the position of the machine, beside a ball or above it, to the start of the next
@@ -46,9 +46,11 @@ pub(super) fn plan_path_around_ball(
     start: &Position,
 ) -> Option<Vec<Position>> {
     let ball = surroundings.nearest_ball(start)?;
-    let (here, there) =
-        (surroundings.tip_offset_from_ball(&ball, position), surroundings.tip_offset_from_ball(&ball, start));
-    let near = ball.contact_distance_mm + ball.uncertainty_mm;
+    let (here, there) = (
+        surroundings.tip_offset_in_machine_directions(&ball, position),
+        surroundings.tip_offset_in_machine_directions(&ball, start),
+    );
+    let near = ball.contact_distance_mm + ball.max_misplacement_mm;
     let about_it = |off: Vector3<f64>| (near..near + 2.0 * PLANNED_GUARDED_CLEARANCE_MM).contains(&off.norm());
     // Below the centre of the ball, the stylus stem would come nearer to the ball than the stylus ball.
     let upper = here.z.min(there.z) >= -POSITION_TOLERANCE_MM;
@@ -76,9 +78,10 @@ pub(super) fn block_end_beside_ball(
     start: &Position,
 ) -> Option<Position> {
     let ball = surroundings.nearest_ball(start)?;
-    let there = surroundings.tip_offset_from_ball(&ball, start);
-    let far = (ball.contact_distance_mm + ball.uncertainty_mm + PLANNED_GUARDED_CLEARANCE_MM + POSITION_TOLERANCE_MM)
-        .max(there.norm());
+    let there = surroundings.tip_offset_in_machine_directions(&ball, start);
+    let far =
+        (ball.contact_distance_mm + ball.max_misplacement_mm + PLANNED_GUARDED_CLEARANCE_MM + POSITION_TOLERANCE_MM)
+            .max(there.norm());
     let end = reachable_position_beside_ball(surroundings, machine, &ball, start, unit_vector(there)? * far)?;
     let free = surroundings.is_path_free(start, &end, &ball.name)
         && surroundings.is_tool_clear(&end, PLANNED_GUARDED_CLEARANCE_MM);
@@ -120,18 +123,19 @@ impl Surroundings {
                     name: obstacle.name.clone(),
                     centre,
                     contact_distance_mm: radius + self.stylus_ball_radius_mm,
-                    uncertainty_mm: obstacle.max_misplacement_mm,
+                    max_misplacement_mm: obstacle.max_misplacement_mm,
                 })
             }
             _ => None,
         };
-        let gap = |ball: &ArtefactBall| self.tip_offset_from_ball(ball, at).norm() - ball.contact_distance_mm;
+        let gap =
+            |ball: &ArtefactBall| self.tip_offset_in_machine_directions(ball, at).norm() - ball.contact_distance_mm;
         let balls = self.obstacles.iter().filter_map(ball);
         balls.min_by(|one, other| gap(one).total_cmp(&gap(other)))
     }
 
     /// Vector from the centre of a ball to the stylus ball's centre, machine directions.
-    fn tip_offset_from_ball(&self, ball: &ArtefactBall, at: &Position) -> Vector3<f64> {
+    fn tip_offset_in_machine_directions(&self, ball: &ArtefactBall, at: &Position) -> Vector3<f64> {
         let table = self.chain.machine_from_table(at, &[]).rotation;
         table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
     }

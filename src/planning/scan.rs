@@ -58,7 +58,7 @@ fn scan_blocks(
     let top_z = safe_heights.top_z;
     let mut blocks = Vec::new();
     let begins_in_place = scan.is_rotary_only() && are_unmoved_axes_at_start(&path, scan);
-    if begins_in_place || (in_nest && can_stay_in_nest(&path, &step.from, start.touched_directions)) {
+    if begins_in_place || (in_nest && can_ball_stay_in_nest(&path, &step.from, start.touched_directions)) {
         turn_to_first_point(&mut path, plan, &step.from, safe_heights);
     } else if start.touched_directions.has_three_independent_directions() && !in_nest {
         plan_scan_approach(&mut path, &step.from, top_z);
@@ -103,7 +103,7 @@ fn are_unmoved_axes_at_start(path: &MotionSequence, scan: &Scan) -> bool {
 
 /// Whether the ball is near enough to the first point of a scan to stay in the nest. Rotary axes may differ from the
 /// first point only if the position of the machine is verified.
-fn can_stay_in_nest(path: &MotionSequence, from: &Position, touched: TouchedDirections) -> bool {
+fn can_ball_stay_in_nest(path: &MotionSequence, from: &Position, touched: TouchedDirections) -> bool {
     let is_in_place = |(axis, at): (Axis, f64)| match path.end_position.get(axis) {
         Some(position) if axis.is_linear() => (position - at).abs() <= MAX_OFFSET_TO_STAY_IN_NEST_MM,
         Some(_) if axis != Axis::S && touched.has_three_independent_directions() => true,
@@ -160,7 +160,7 @@ fn plan_scan_approach(path: &mut MotionSequence, from: &Position, top_z: f64) {
         _ => top_z,
     };
     path.add_rapid(&z_position(level.min(top_z)));
-    path.add_rapids_above(from, (z + SLOW_DESCENT_HEIGHT_MM).min(top_z));
+    path.add_rapids_across_and_down(from, (z + SLOW_DESCENT_HEIGHT_MM).min(top_z));
 }
 
 /// Checks that the scan has a path from `from` to `to` with all axes, a feed, known sensors and a possible sampling.

@@ -188,7 +188,7 @@ impl Surroundings {
         let (begin, (end, higher)) = (self.tip_and_carrier_poses(&level), self.present_and_raised_positions(to));
         let mut highest = None;
         for obstacle in obstacles {
-            let path_ends = [&begin, &end].map(|at| at.tip_relative_to_carrier(obstacle));
+            let path_ends = [&begin, &end].map(|at| at.tip_offset_from_carrier(obstacle));
             let (body, margin) = (end.obstacle_in_machine_directions(obstacle), margin + obstacle.max_misplacement_mm);
             let z_after_rise = |rise: f64| {
                 z_command_for_height(to.get_or_zero(Axis::Z), [&end, &higher], obstacle, path_ends[1].z + rise)
@@ -220,7 +220,7 @@ impl Surroundings {
         let ends = [from, to].map(|at| self.tip_and_carrier_poses(at));
         self.obstacles.iter().find_map(|obstacle| {
             let own = obstacle.name == touched_ball;
-            let path_ends = ends.each_ref().map(|at| at.tip_relative_to_carrier(obstacle));
+            let path_ends = ends.each_ref().map(|at| at.tip_offset_from_carrier(obstacle));
             let body = ends[1].obstacle_in_machine_directions(obstacle);
             // A misplacement of the touched ball shifts the contact equally, so this ball needs no margin.
             let margin = if own { 0.0 } else { margin + obstacle.max_misplacement_mm };
@@ -252,7 +252,7 @@ impl Surroundings {
     pub fn is_path_free(&self, from: &Position, to: &Position, circled_ball: &str) -> bool {
         let ends = [from, to].map(|at| self.tip_and_carrier_poses(at));
         self.obstacles.iter().all(|obstacle| {
-            let path_ends = ends.each_ref().map(|at| at.tip_relative_to_carrier(obstacle));
+            let path_ends = ends.each_ref().map(|at| at.tip_offset_from_carrier(obstacle));
             let (body, margin) = (
                 ends[1].obstacle_in_machine_directions(obstacle),
                 MIN_TOOL_CLEARANCE_MM + obstacle.max_misplacement_mm,
@@ -294,7 +294,7 @@ impl Surroundings {
 
 impl TipAndCarrierPoses {
     /// Vector from the origin of the obstacle's carrier to the centre of the stylus ball, machine directions.
-    fn tip_relative_to_carrier(&self, obstacle: &Obstacle) -> Vector3<f64> {
+    fn tip_offset_from_carrier(&self, obstacle: &Obstacle) -> Vector3<f64> {
         self.tip - self.carrier_poses[obstacle.carrier_index].translation.vector
     }
 
@@ -312,8 +312,8 @@ fn z_command_for_height(
     obstacle: &Obstacle,
     height: f64,
 ) -> Option<f64> {
-    let present_z = here.tip_relative_to_carrier(obstacle).z;
-    let lift = higher.tip_relative_to_carrier(obstacle).z - present_z;
+    let present_z = here.tip_offset_from_carrier(obstacle).z;
+    let lift = higher.tip_offset_from_carrier(obstacle).z - present_z;
     (lift > 0.5).then(|| z + (height - present_z) / lift)
 }
 

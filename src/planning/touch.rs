@@ -38,8 +38,8 @@ pub fn touch_block(
     let (from, to) = (&step.from, &step.to);
     let mut path = MotionSequence::starting_at(start.position, near_part_feed_mm_min);
     let end = match safe_heights.part_clearance_z {
-        Some(safe_z) => plan_part_approach(&mut path, plan, step, start, safe_heights, safe_z),
-        None => ball_approach_path::plan_ball_approach(&mut path, plan, step, start, safe_heights)?,
+        Some(safe_z) => plan_part_approach_and_block_end(&mut path, plan, step, start, safe_heights, safe_z),
+        None => ball_approach_path::plan_ball_approach_and_block_end(&mut path, plan, step, start, safe_heights)?,
     };
     path.add_guarded_move(&z_position(from.get_or_zero(Axis::Z)));
     if plan.probe.settle_s > 0.0 {
@@ -55,7 +55,7 @@ pub fn touch_block(
 }
 
 /// Plans the path to a point above the start of the touch. Returns the position at which the block ends.
-fn plan_part_approach(
+fn plan_part_approach_and_block_end(
     path: &mut MotionSequence,
     plan: &Plan,
     step: &Step,
@@ -74,7 +74,7 @@ fn plan_part_approach(
         Some(_) => path.add_guarded_move(&z_position(safe_z)),
         None => path.add_rapid(&z_position(safe_heights.top_z.max(safe_z))),
     }
-    path.add_rapids_above(from, safe_z);
+    path.add_rapids_across_and_down(from, safe_z);
     z_position(safe_z)
 }
 

@@ -12,13 +12,14 @@ use machine::{Axis, Position};
 
 /// Latency from contact, or from a sensor's first distance, to the hold, s. No control checks the probe while an axis
 /// turns, but its status reports show the contact. They are polled at least five times per second, and the driver must
-/// answer them with a hold (devices: `MAX_FREE_MOVE_POLL_INTERVAL` of grbl, `ModbusTimeouts::poll_interval` of modbus).
-const HOLD_LATENCY_S: f64 = 0.3;
+/// answer them with a hold (devices: `MAX_POSITIONING_POLL_INTERVAL` of grbl, `ModbusTimeouts::poll_interval` of
+/// modbus).
+const CONTACT_TO_HOLD_LATENCY_S: f64 = 0.3;
 
 /// Speed, mm/s, from which a hold stops within `within_mm` at the acceleration `a`, mm/s²: v = √(2a(within −
 /// v·latency)).
 pub(super) fn max_stoppable_speed_mm_s(a: f64, within_mm: f64) -> f64 {
-    a * ((HOLD_LATENCY_S.powi(2) + 2.0 * within_mm / a).sqrt() - HOLD_LATENCY_S)
+    a * ((CONTACT_TO_HOLD_LATENCY_S.powi(2) + 2.0 * within_mm / a).sqrt() - CONTACT_TO_HOLD_LATENCY_S)
 }
 
 /// Maximum feed of `axis` at `position`, degrees/min. From this feed, the parts that the axis carries stop within

@@ -4,7 +4,7 @@ use minijinja::{Value, context};
 
 use super::figure::{self, AxisSketch, FunctionFigure, MotionCentre, RemovedCircle};
 use super::number;
-use machine::error_name;
+use machine::geometric_error_name;
 use machine::record::estimate::{CircleFigure, Estimate, EstimatedFunction, FunctionFigureKind};
 
 /// Template values of all figures of an estimate: functions first, then circles.
@@ -34,14 +34,15 @@ fn function_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k
     match figure.kind {
         FunctionFigureKind::Histogram => histogram_caption(function),
         FunctionFigureKind::Points | FunctionFigureKind::Curve => {
-            format!("over {argument}{}{band}", height_caption(function))
+            format!("over {argument}{}{band}", z_position_caption(function))
         }
         FunctionFigureKind::Spectrum => format!("amplitude over harmonic order{band}"),
         FunctionFigureKind::Polar => {
             let division = division_caption(function, figure);
-            let (removed, motion) = (removed_caption(function, figure, k), motion_caption(function, figure, k));
+            let (removed, motion) =
+                (removed_eccentricity_caption(function, figure, k), error_motion_caption(function, figure, k));
             let details: String = [division, removed, motion].into_iter().flatten().collect();
-            format!("over {argument}{}{band}{details}", height_caption(function))
+            format!("over {argument}{}{band}{details}", z_position_caption(function))
         }
     }
 }
@@ -55,7 +56,7 @@ fn histogram_caption(function: &EstimatedFunction) -> String {
 }
 
 /// Z position for which a displacement is valid.
-fn height_caption(function: &EstimatedFunction) -> String {
+fn z_position_caption(function: &EstimatedFunction) -> String {
     function.at_mm.map(|[_, _, z]| format!(", at Z = {} mm", number::format_fixed(z, 1))).unwrap_or_default()
 }
 
@@ -66,8 +67,8 @@ fn division_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>) -
 }
 
 /// Mean and eccentricity that are removed from a polar figure before drawing.
-fn removed_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> Option<String> {
-    let RemovedCircle { mean, eccentricity, direction_deg } = figure.removed?;
+fn removed_eccentricity_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> Option<String> {
+    let RemovedCircle { mean, eccentricity, direction_deg } = figure.removed_circle?;
     let decimals = number::decimals_for_uncertainty(k * largest_u(function));
     let [mean, eccentricity, zero] = [mean, eccentricity, 0.0].map(|value| number::format_fixed(value, decimals));
     let (unit, direction) = (function.unit.symbol(), number::format_fixed(direction_deg, 1));
@@ -80,8 +81,8 @@ fn uncertainty_band_caption(k: f64) -> String {
 }
 
 /// Value of an error motion and the centre of its circles.
-fn motion_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> Option<String> {
-    let (centre, circles) = figure.motion?;
+fn error_motion_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_>, k: f64) -> Option<String> {
+    let (centre, circles) = figure.error_motion_circles?;
     let value = number::format_fixed(circles.value(), number::decimals_for_uncertainty(k * largest_u(function)));
     let centre = match centre {
         MotionCentre::LeastSquares => "the least-squares circle centre",
@@ -131,7 +132,7 @@ pub(super) fn sketch_values(estimate: &Estimate) -> Vec<Value> {
 
 fn sketch_caption(sketch: &AxisSketch) -> String {
     let named = |symbol: &str| {
-        let name = error_name(symbol).unwrap_or_default();
+        let name = geometric_error_name(symbol).unwrap_or_default();
         format!("{}: {name}", number::one_line_symbol(symbol))
     };
     let texts: Vec<String> = sketch.symbols().into_iter().map(named).collect();

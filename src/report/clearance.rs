@@ -44,7 +44,7 @@ pub(super) fn clearance_rows(plan: &Plan, proofs: &[StageProof]) -> Vec<(String,
 /// Aspects that the proofs did not check, without duplicates, in the order of the stages.
 pub(super) fn unchecked_aspects(proofs: &[StageProof]) -> Vec<String> {
     let mut all: Vec<String> = Vec::new();
-    for what in proofs.iter().flat_map(|proof| &proof.not_looked_at) {
+    for what in proofs.iter().flat_map(|proof| &proof.unchecked_items) {
         if !all.contains(what) {
             all.push(what.clone());
         }

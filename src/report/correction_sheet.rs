@@ -22,9 +22,11 @@ pub struct SheetRow {
     pub expanded: String,
     pub unit: &'static str,
     /// The value that the machine file states.
-    pub stated: String,
+    #[serde(rename = "stated")]
+    pub stated_in_machine_file: String,
     /// Why the quantity is not determined.
-    pub remark: String,
+    #[serde(rename = "remark")]
+    pub not_determined_reason: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -63,8 +65,9 @@ impl CorrectionSheet {
         let mut table = csv::Writer::from_writer(output);
         table.write_record(COLUMNS)?;
         for row in self.positions.iter().chain(&self.others) {
-            let [value, expanded, stated] = [&row.value, &row.expanded, &row.stated].map(|text| text.replace('−', "-"));
-            table.write_record([&row.quantity, &value, &expanded, row.unit, &stated, &row.remark])?;
+            let [value, expanded, stated] =
+                [&row.value, &row.expanded, &row.stated_in_machine_file].map(|text| text.replace('−', "-"));
+            table.write_record([&row.quantity, &value, &expanded, row.unit, &stated, &row.not_determined_reason])?;
         }
         table.flush()
     }

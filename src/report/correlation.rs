@@ -16,7 +16,7 @@ const MIN_MATRIX_PARAMETERS: usize = 3;
 /// Maximum number of parameters in the matrix; more would not be legible.
 const MAX_MATRIX_PARAMETERS: usize = 15;
 /// Maximum number of parameters for correlations on the page. The estimate file always contains all correlations.
-const MAX_PARAMETERS: usize = 60;
+const MAX_PARAMETERS_WITH_CORRELATIONS: usize = 60;
 
 /// Correlation coefficient of two parameters.
 struct CorrelatedPair {
@@ -28,13 +28,13 @@ struct CorrelatedPair {
 /// Template values; `svg` is none if there is nothing to draw.
 pub(super) fn correlation_values(covariance: &ParameterCovariance) -> Value {
     let count = covariance.symbols.len();
-    let pairs = if (MIN_MATRIX_PARAMETERS..=MAX_PARAMETERS).contains(&count) {
-        correlated_pairs(covariance)
+    let pairs = if (MIN_MATRIX_PARAMETERS..=MAX_PARAMETERS_WITH_CORRELATIONS).contains(&count) {
+        pairs_by_correlation(covariance)
     } else {
         Vec::new()
     };
     let shown = matrix_parameters(covariance, &pairs);
-    let drawn = (shown.len() >= MIN_MATRIX_PARAMETERS && count <= MAX_PARAMETERS)
+    let drawn = (shown.len() >= MIN_MATRIX_PARAMETERS && count <= MAX_PARAMETERS_WITH_CORRELATIONS)
         .then(|| figure::draw_matrix(covariance, &shown))
         .flatten();
     let is_listed = |pair: &&CorrelatedPair| {
@@ -77,7 +77,7 @@ fn matrix_parameters(covariance: &ParameterCovariance, pairs: &[CorrelatedPair])
 }
 
 /// All pairs with a known correlation, strongest first.
-fn correlated_pairs(covariance: &ParameterCovariance) -> Vec<CorrelatedPair> {
+fn pairs_by_correlation(covariance: &ParameterCovariance) -> Vec<CorrelatedPair> {
     let count = covariance.symbols.len();
     let all = (0..count).flat_map(|first| (first + 1..count).map(move |second| (first, second)));
     let known = all.filter_map(|(first, second)| {
@@ -115,7 +115,7 @@ mod tests {
     }
 
     fn shown_parameters(covariance: &ParameterCovariance) -> Vec<usize> {
-        matrix_parameters(covariance, &correlated_pairs(covariance))
+        matrix_parameters(covariance, &pairs_by_correlation(covariance))
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::difference::PreviousRun;
 use super::number::with_one_line_symbols;
 use super::residuals::{ResidualFigure, residual_figure_values};
 use super::result_row::{
-    ResultRow, RunContext, headline, not_passed, result_rows, verdict_class, verdict_sentence, verdict_word,
+    ResultRow, RunContext, headline_rows, result_rows, rows_not_passed, verdict_class, verdict_sentence, verdict_word,
 };
 use super::rows::NameTextRows;
 use super::{
@@ -38,7 +38,7 @@ pub struct ReportFacts {
     /// Whether the certificate of the artefact had expired when the run started.
     pub is_certificate_expired: bool,
     /// Warnings in addition to those of the estimate.
-    pub record_warnings: Vec<String>,
+    pub certificate_warnings: Vec<String>,
     /// Time and text of stops, faults and acknowledgements.
     pub events_with_times: Vec<(String, String)>,
     /// Signatures of the result; `None` if it cannot be signed.
@@ -102,11 +102,11 @@ fn record_sections(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Val
         run => facts.run_id.as_str(),
         subject => subject_rows(plan, facts),
         conditions => condition_rows(plan, estimate, facts),
-        warnings => [facts.record_warnings.as_slice(), &estimate.warnings].concat(),
+        warnings => [facts.certificate_warnings.as_slice(), &estimate.warnings].concat(),
         previous => facts.previous_run.as_ref().map(|run| difference::previous_run_values(&plan.method, run)),
         plan => plan_summary::plan_rows(plan),
         proof => proof_value(plan, &facts.stage_proofs),
-        record => record_rows(facts, &estimate.priors),
+        record => record_rows(facts, &estimate.prior_hashes),
         events => facts.events_with_times.clone(),
         signed => facts.signatures.clone(),
     }
@@ -121,8 +121,8 @@ fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
             word => verdict_word(estimate.verdict),
             sentence => verdict_sentence(estimate.verdict),
         },
-        not_passed => Serde(&not_passed(rows)),
-        headline => Serde(&headline(rows)),
+        not_passed => Serde(&rows_not_passed(rows)),
+        headline => Serde(&headline_rows(rows)),
         is_judged => rows.iter().any(|row| row.verdict.is_some()),
         same_k => same_coverage(rows),
         main => Serde(&of_group(ResultGroup::Main)),

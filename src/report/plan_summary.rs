@@ -64,7 +64,7 @@ fn describe_step_counts(plan: &Plan) -> String {
 
 fn describe_artefact(artefact: &Artefact) -> String {
     match artefact {
-        Artefact::Cylinder(Cylinder { centre_mm, axis: [i, j, k], radius_mm, .. }) => {
+        Artefact::Cylinder(Cylinder { foot_mm: centre_mm, axis: [i, j, k], radius_mm, .. }) => {
             format!("cylinder, radius {radius_mm} mm, centre {}, axis ({i}, {j}, {k})", format_vector_mm(*centre_mm))
         }
         Artefact::Balls(artefact) => describe_balls(artefact),
@@ -77,7 +77,7 @@ fn describe_datum_cylinder(artefact: &DatumCylinder) -> String {
     let section = |section: &DatumCrossSection| format!("radius {} mm at {} mm", section.radius_mm, section.z_mm);
     let mut sections: Vec<String> = artefact.sections.iter().map(section).collect();
     sections.extend(artefact.face.iter().map(|face| format!("face at {} mm", face.z_mm)));
-    format!("datum cylinder, foot {}; {}", format_vector_mm(artefact.centre_mm), sections.join(", "))
+    format!("datum cylinder, foot {}; {}", format_vector_mm(artefact.foot_mm), sections.join(", "))
 }
 
 fn describe_balls(Balls { balls, lengths, .. }: &Balls) -> String {

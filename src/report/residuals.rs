@@ -12,7 +12,7 @@ use machine::record::measurement_check::MeasurementCheck;
 use machine::record::reading::Reading;
 
 /// Minimum number of measurements for a figure.
-const MIN_MEASUREMENTS: usize = 3;
+const MIN_MEASUREMENTS_PER_FIGURE: usize = 3;
 const SECONDS_PER_MINUTE: f64 = 60.0;
 
 /// One figure of the residuals.
@@ -74,7 +74,7 @@ impl<'a> RunResiduals<'a> {
         };
         let measurements: Vec<MeasurementResidual> =
             estimate.measurement_checks.iter().filter_map(measurement).collect();
-        (measurements.len() >= MIN_MEASUREMENTS).then_some(Self { readings, measurements })
+        (measurements.len() >= MIN_MEASUREMENTS_PER_FIGURE).then_some(Self { readings, measurements })
     }
 
     /// Figure over the time since the first reading, or over the number of the measurement if a time is unknown.
@@ -82,7 +82,7 @@ impl<'a> RunResiduals<'a> {
         let begin_s = self.readings.first().map_or(0.0, |first| first.t_s);
         let minutes = |measurement: &MeasurementResidual| Some((measurement.t_s? - begin_s) / SECONDS_PER_MINUTE);
         let times: Option<Vec<f64>> = self.measurements.iter().map(minutes).collect();
-        match times.filter(|times| is_changing(times)) {
+        match times.filter(|times| has_different_values(times)) {
             Some(times) => {
                 let caption = format!(
                     "over the time since the first reading: {}. A trend, or larger residuals at the start and at the \
@@ -112,7 +112,7 @@ impl<'a> RunResiduals<'a> {
             "over the temperature of the thermometer {thermometer}: the same residuals. A trend indicates a \
              thermal effect that the model does not contain"
         );
-        let is_drawn = known.len() >= MIN_MEASUREMENTS && is_changing(&known);
+        let is_drawn = known.len() >= MIN_MEASUREMENTS_PER_FIGURE && has_different_values(&known);
         is_drawn.then(|| self.figure_over(["temperature", "°C"], all.into_iter(), caption))
     }
 
@@ -129,7 +129,7 @@ impl<'a> RunResiduals<'a> {
         let candidates = points.iter().filter(|(_, residual)| residual.is_outlier_candidate);
         let outlier_points: Vec<[f64; 2]> = candidates.map(|(x, residual)| [*x, residual.residual_um]).collect();
         let circled = if outlier_points.is_empty() { "" } else { ". Circled: possible outliers" };
-        let symbol = if self.are_lengths() { "residual length" } else { "residual" };
+        let symbol = if self.are_vector_lengths() { "residual length" } else { "residual" };
         let function = EstimatedFunction {
             symbol: symbol.to_owned(),
             argument: argument[0].to_owned(),
@@ -145,13 +145,13 @@ impl<'a> RunResiduals<'a> {
     }
 
     /// Whether the residuals are lengths of vectors, which are not negative.
-    fn are_lengths(&self) -> bool {
+    fn are_vector_lengths(&self) -> bool {
         self.measurements.iter().all(|measurement| measurement.residual_um >= 0.0)
     }
 
     fn describe_residuals(&self) -> String {
         let count = self.measurements.len();
-        match self.are_lengths() {
+        match self.are_vector_lengths() {
             true => format!("length of the vector from the modelled to the measured point, {count} measurements"),
             false => format!("measured minus modelled value, {count} measurements"),
         }
@@ -171,7 +171,7 @@ fn nearest_value(by_time: &[(f64, f64)], t_s: f64) -> Option<f64> {
     nearest.map(|(_, value)| *value)
 }
 
-fn is_changing(values: &[f64]) -> bool {
+fn has_different_values(values: &[f64]) -> bool {
     values.windows(2).any(|pair| pair[0] != pair[1])
 }
 

@@ -140,7 +140,7 @@ pub fn result_rows(context: RunContext<'_>, parameters: &[Parameter]) -> Vec<Res
 
 /// Rows for an overview: the results with a limit, worst first, then those of the group [`ResultGroup::Main`] in the
 /// order of the estimate, which begins with the main results of the method.
-fn worst_first(rows: &[ResultRow]) -> Vec<&ResultRow> {
+fn overview_rows_worst_first(rows: &[ResultRow]) -> Vec<&ResultRow> {
     let is_listed = |row: &&ResultRow| row.verdict.is_some() || (row.group == ResultGroup::Main && row.identifiable);
     let mut listed: Vec<&ResultRow> = rows.iter().filter(is_listed).collect();
     listed.sort_by(|one, other| {
@@ -151,14 +151,14 @@ fn worst_first(rows: &[ResultRow]) -> Vec<&ResultRow> {
 }
 
 /// Rows that have not passed, worst first.
-pub fn not_passed(rows: &[ResultRow]) -> Vec<&ResultRow> {
-    worst_first(rows).into_iter().filter(|row| row.has_not_passed()).collect()
+pub fn rows_not_passed(rows: &[ResultRow]) -> Vec<&ResultRow> {
+    overview_rows_worst_first(rows).into_iter().filter(|row| row.has_not_passed()).collect()
 }
 
 /// Rows in large type: those with a limit, worst first, or the main results if there is no limit.
-pub fn headline(rows: &[ResultRow]) -> Vec<&ResultRow> {
+pub fn headline_rows(rows: &[ResultRow]) -> Vec<&ResultRow> {
     let is_judged = rows.iter().any(|row| row.verdict.is_some());
-    let worst = worst_first(rows).into_iter().filter(|row| row.verdict.is_some() == is_judged);
+    let worst = overview_rows_worst_first(rows).into_iter().filter(|row| row.verdict.is_some() == is_judged);
     worst.take(MAX_HEADLINE_RESULTS).collect()
 }
 
@@ -281,7 +281,7 @@ mod tests {
             parameter("EB0C", 20.0, 0.1, Some((10.0, Verdict::Fail))),
         ];
         let rows = result_rows(CONTEXT, &parameters);
-        let symbols: Vec<&str> = worst_first(&rows).iter().map(|row| row.symbol.as_str()).collect();
+        let symbols: Vec<&str> = overview_rows_worst_first(&rows).iter().map(|row| row.symbol.as_str()).collect();
         assert_eq!(symbols, ["EB0C", "EA0C", "EY0C", "EX0C", "EXC_range"]);
     }
 

@@ -92,8 +92,8 @@ pub(super) fn example_estimate() -> Estimate {
         warnings: vec!["holds at the height Z = 62 mm only".to_owned()],
         outliers: Vec::new(),
         measurement_checks: Vec::new(),
-        priors: Vec::new(),
-        measured: Default::default(),
+        prior_hashes: Vec::new(),
+        measured_ranges: Default::default(),
         source_effects: Vec::new(),
     }
 }
@@ -121,7 +121,7 @@ fn proof_of_step(step: u32, clearance_mm: f64) -> StageProof {
         motion_count: 8,
         nearest: Some(clearance.clone()),
         steps: vec![clearance],
-        not_looked_at: vec!["probe body".to_owned()],
+        unchecked_items: vec!["probe body".to_owned()],
     }
 }
 

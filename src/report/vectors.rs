@@ -11,7 +11,7 @@ use machine::record::estimate::{
 };
 
 /// Minimum number of groups for a figure of the vector size of each group.
-const MIN_COMPARED_GROUPS: usize = 3;
+const MIN_GROUPS_IN_SIZE_FIGURE: usize = 3;
 /// Decimals of a length in µm.
 const LENGTH_DECIMALS: usize = 1;
 
@@ -32,7 +32,7 @@ pub(super) fn vector_figure_value(figure: &ArrowFigure) -> Value {
             rms => format!("{} {}", number::format_fixed(rms, LENGTH_DECIMALS), figure.unit.symbol()),
             svg => svg_value(scales.as_ref().and_then(|scales| scales.draw_group(group, figure.figure))),
         }),
-        sizes => svg_value(group_sizes(figure).and_then(|function| figure::draw_function(&function, 1.0))),
+        sizes => svg_value(group_rms_function(figure).and_then(|function| figure::draw_function(&function, 1.0))),
         flagged => flagged.collect::<Vec<_>>(),
         cut => scales.as_ref().is_some_and(|scales| scales.has_shortened_arrows(figure)),
         magnified => scales
@@ -52,11 +52,12 @@ fn worst_group(figure: &ArrowFigure) -> Option<(&ArrowGroup, f64)> {
     sizes.max_by(|one, other| one.1.total_cmp(&other.1))
 }
 
-/// Root mean square of the vectors of each group over the group number; `None` for fewer than [`MIN_COMPARED_GROUPS`].
-fn group_sizes(figure: &ArrowFigure) -> Option<EstimatedFunction> {
+/// Root mean square of the vectors of each group over the group number; `None` for fewer than
+/// [`MIN_GROUPS_IN_SIZE_FIGURE`].
+fn group_rms_function(figure: &ArrowFigure) -> Option<EstimatedFunction> {
     let numbered = (1..).map(f64::from).zip(&figure.groups);
     let (x, y): (Vec<f64>, Vec<f64>) = numbered.filter_map(|(n, group)| Some((n, figure::group_rms(group)?))).unzip();
-    (x.len() >= MIN_COMPARED_GROUPS).then(|| EstimatedFunction {
+    (x.len() >= MIN_GROUPS_IN_SIZE_FIGURE).then(|| EstimatedFunction {
         symbol: "rms".to_owned(),
         argument: "group number".to_owned(),
         argument_unit: String::new(),
@@ -115,7 +116,7 @@ mod tests {
         // 7·17 = 119 = 29 + 3·30.
         let (worst, rms) = worst_group(&figure).unwrap();
         assert_eq!((worst.name.as_str(), rms), ("C 17°", 29.0));
-        assert_eq!(group_sizes(&figure).unwrap().y, lengths);
+        assert_eq!(group_rms_function(&figure).unwrap().y, lengths);
     }
 
     #[test]

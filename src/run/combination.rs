@@ -20,12 +20,12 @@ pub enum CombinationError {
     #[error("run {0} is not finished")]
     NotFinished(RunId),
     #[error("run {run}, of the method {method}, has an estimate of other inputs or of another version of this program")]
-    OtherEstimate { run: RunId, method: String },
+    EstimateNotReproduced { run: RunId, method: String },
     #[error(
         "the records do not confirm that the control used the same compensation files during the runs {one} and \
          {other}: the readings contain the effect of these files"
     )]
-    OtherValuesOfControl { one: RunId, other: RunId },
+    CompensationValuesMismatch { one: RunId, other: RunId },
     #[error("run {simulated} was measured on a simulated control, run {real} on the machine")]
     SimulatedAndReal { simulated: RunId, real: RunId },
 }
@@ -38,10 +38,10 @@ impl CombinationError {
             Self::Refused(refusal) => Some(refusal.remedy()),
             Self::NotIdentifiedAgain { error, .. } => error.remedy(),
             Self::NotFinished(run) => Some(format!("`trued show {run}` states the next action")),
-            Self::OtherEstimate { run, method } => {
+            Self::EstimateNotReproduced { run, method } => {
                 Some(format!("compute its estimate again with `trued identify {method} --run {run}`"))
             }
-            Self::OtherValuesOfControl { .. } => Some("choose runs after the last compensation".to_owned()),
+            Self::CompensationValuesMismatch { .. } => Some("choose runs after the last compensation".to_owned()),
             Self::SimulatedAndReal { .. } => Some("choose runs that were measured on the real machine".to_owned()),
         }
     }
@@ -78,8 +78,8 @@ pub fn combine_stored_runs(journal: &Journal, runs: &[RunId]) -> Result<Combinat
         }
         identified.push(identify_again(journal.load_run(*run)?)?);
     }
-    check_controls(&identified)?;
-    check_values_of_control(&identified)?;
+    check_all_simulated_or_all_real(&identified)?;
+    check_same_compensation_values(&identified)?;
     let measured = identified.iter().map(|run| MeasuredRun {
         number: run.id().0,
         plan: &run.stored.plan,
@@ -112,13 +112,13 @@ fn identify_again(stored: StoredRun) -> Result<IdentifiedRun, CombinationError> 
     let again = method.identify(&stored_with_few_trials.plan, &stored.readings);
     let again = again.map_err(|error| of_run(error.into()))?;
     if !is_same_result(&again, &estimate) {
-        return Err(CombinationError::OtherEstimate { run, method: stored.plan.method.clone() });
+        return Err(CombinationError::EstimateNotReproduced { run, method: stored.plan.method.clone() });
     }
     Ok(IdentifiedRun { estimate, machine, source_effects: again.source_effects, stored })
 }
 
 /// Largest difference of values and covariances that counts as rounding, in standard uncertainties.
-const SAME_RESULT_TOLERANCE: f64 = 1e-6;
+const SAME_RESULT_TOLERANCE_STD_U: f64 = 1e-6;
 
 /// Whether two estimates have the same values and the same covariance.
 fn is_same_result(one: &Estimate, other: &Estimate) -> bool {
@@ -126,7 +126,7 @@ fn is_same_result(one: &Estimate, other: &Estimate) -> bool {
     let value = |estimate: &Estimate, symbol: &str| {
         estimate.parameters.iter().find(|own| own.symbol == symbol).map_or(f64::NAN, |own| own.value)
     };
-    let is_near = |difference: f64, scale: f64| difference.abs() <= SAME_RESULT_TOLERANCE * scale;
+    let is_near = |difference: f64, scale: f64| difference.abs() <= SAME_RESULT_TOLERANCE_STD_U * scale;
     let u = |index: usize| a.rows[index][index].sqrt();
     a.symbols == b.symbols
         && a.symbols.iter().enumerate().all(|(i, symbol)| {
@@ -137,19 +137,19 @@ fn is_same_result(one: &Estimate, other: &Estimate) -> bool {
 }
 
 /// Checks that the readings of all runs contain the effect of the same compensation files.
-fn check_values_of_control(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
+fn check_same_compensation_values(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
     let is_same = |pair: &&[IdentifiedRun]| {
         let one = recorded_values_in_readings(&pair[0].machine, &pair[0].stored);
         one.is_some() && one == recorded_values_in_readings(&pair[1].machine, &pair[1].stored)
     };
     match runs.windows(2).find(|pair| !is_same(pair)) {
-        Some([one, other]) => Err(CombinationError::OtherValuesOfControl { one: one.id(), other: other.id() }),
+        Some([one, other]) => Err(CombinationError::CompensationValuesMismatch { one: one.id(), other: other.id() }),
         _ => Ok(()),
     }
 }
 
 /// Checks that the control was simulated in all runs or in none.
-fn check_controls(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
+fn check_all_simulated_or_all_real(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
     let simulated = runs.iter().find(|run| run.is_simulated());
     let real = runs.iter().find(|run| !run.is_simulated());
     match simulated.zip(real) {

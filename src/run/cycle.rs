@@ -83,7 +83,7 @@ impl Cycle<'_> {
         on_start(id);
         let run = Run::new(id, method.as_ref(), devices, journal, plan, on_event);
         let mut run = run.with_prompt_answer_source(answers);
-        let ended = match run.record_values_of_control(machine).await {
+        let ended = match run.record_compensation_values(machine).await {
             Ok(()) => run.execute().await,
             Err(error) => Err(error),
         };
@@ -96,20 +96,20 @@ impl Cycle<'_> {
 /// is `not identified`.
 ///
 /// # Errors
-/// The error in `ended`, or the reason why the run is not identified.
+/// The error in `run_result`, or the reason why the run is not identified.
 pub async fn identify_judge_and_store(
     run: Run<'_>,
-    ended: Result<(), RunError>,
+    run_result: Result<(), RunError>,
     method: &Arc<dyn Method>,
     tolerances: &[ParameterTolerance],
 ) -> Result<Estimate, CycleError> {
     let can_resume = run.can_resume();
     let Run { id, plan, readings, has_moved, is_resumed, on_event, journal, devices, .. } = run;
-    if let Err(error) = ended {
+    if let Err(error) = run_result {
         return Err(CycleError::MeasurementIncomplete { run: id, error, has_moved, is_resumed, can_resume });
     }
     let text = format!("computing the estimate from {} readings", readings.len());
-    on_event(&RunEvent::Announced { text });
+    on_event(&RunEvent::OperatorMessage { text });
     let halt = devices.open_controller.halt_handle();
     let found = identify_and_judge_until_halted(method, plan, readings, tolerances, &halt).await;
     let stored = store_identification(journal, id, found).await;

@@ -34,8 +34,8 @@ pub enum RunError {
     ProbeInputFaultWithSensor { sensor: String, source: Box<RunError> },
     #[error("the run contains a prompt (`{text}`), but no operator can answer it")]
     NoOperator { text: String },
-    #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "released" })]
-    StylusTimeout { closed: bool, seconds: u64 },
+    #[error("the stylus was not {} within {seconds} s", if *expects_closed { "deflected" } else { "released" })]
+    StylusTimeout { expects_closed: bool, seconds: u64 },
     #[error("step {step}: the first touch reached its end without contact")]
     NoFirstContact { step: u32 },
     #[error("sensor `{name}`: {source}")]
@@ -46,7 +46,7 @@ pub enum RunError {
         "step {step}: the sensor `{sensor}` reports {value_mm:.3} mm at a position where no body of the \
         machine file is within its range"
     )]
-    UnexpectedDistance { step: u32, sensor: String, value_mm: f64 },
+    UnexpectedBodyInRange { step: u32, sensor: String, value_mm: f64 },
     #[error("step {step} is sampled in motion, but this control does not report time-stamped axis positions")]
     NoTimeStampedPositions { step: u32 },
     #[error("step {step} was not sampled in motion: {why}")]
@@ -57,8 +57,8 @@ pub enum RunError {
     NoContactPosition { step: u32 },
     #[error("not all references were measured before the stop: a shift of the machine cannot be detected")]
     ReferencesIncompleteBeforeStop,
-    #[error("not all references could be measured again after the stop: {places}")]
-    ReferencesNotRemeasured { places: String },
+    #[error("not all references could be measured again after the stop: {reference_labels}")]
+    ReferencesNotRemeasured { reference_labels: String },
     #[error(
         "the references have shifted since the stop: {}; {}",
         describe_shifts(shifts), scatter.describe()
@@ -110,7 +110,7 @@ impl RunError {
             }
             Self::Sensor { source, .. } => source.remedy(),
             Self::NoValidSample { flag, .. } => flag_remedy(*flag).to_owned(),
-            Self::UnexpectedDistance { .. } => UNEXPECTED_DISTANCE_REMEDY.to_owned(),
+            Self::UnexpectedBodyInRange { .. } => UNEXPECTED_DISTANCE_REMEDY.to_owned(),
             RunError::NoTimeStampedPositions { .. } => {
                 "use dwell points (sampling = \"dwell\"); or, on LinuxCNC, add the sampler to the machine \
                 file ([controller.sampler]); or, for one revolution of a rotary axis, use sensors that send \
@@ -145,11 +145,11 @@ impl RunError {
     }
 
     /// Replaces `NoContact` by `NoFirstContact`, because no touch has confirmed yet that the probe works.
-    pub(super) fn no_contact_into_no_first_contact(self) -> Self {
+    pub(super) fn convert_no_contact_to_no_first_contact(self) -> Self {
         match self {
             Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
             Self::AtStep { label, source } => {
-                Self::AtStep { label, source: Box::new(source.no_contact_into_no_first_contact()) }
+                Self::AtStep { label, source: Box::new(source.convert_no_contact_to_no_first_contact()) }
             }
             other => other,
         }
@@ -175,7 +175,7 @@ impl RunError {
             }
             Self::NoContactPosition { step: id }
             | Self::NoValidSample { step: id, .. }
-            | Self::UnexpectedDistance { step: id, .. }
+            | Self::UnexpectedBodyInRange { step: id, .. }
             | RunError::ScanInMotionFailed { step: id, .. }
             | Self::EncoderFault { step: id, .. }
                 if *id == step.id =>

@@ -9,7 +9,7 @@ use tokio::sync::oneshot;
 
 use super::priority::{COMPUTATION_NICE, lower_priority};
 use crate::setup::{MachineFile, SetupError};
-use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
+use crate::store::{Journal, RunId, StoreError, StoredRun, sha256_of_json};
 use devices::controllers::HaltHandle;
 use machine::Axis;
 use machine::record::estimate::{Estimate, ParameterTolerance, Provenance};
@@ -130,9 +130,9 @@ pub fn start_identification(stored: StoredRun) -> oneshot::Receiver<Result<Estim
 pub async fn store_identification(
     journal: &Journal,
     run: RunId,
-    found: Result<Estimate, IdentificationError>,
+    identification_result: Result<Estimate, IdentificationError>,
 ) -> Result<Estimate, IdentificationError> {
-    match found {
+    match identification_result {
         Ok(estimate) => {
             journal.add_estimate(run, &estimate).await?;
             Ok(estimate)
@@ -156,16 +156,16 @@ pub async fn store_identification(
 /// The errors of [`Method::identify`].
 pub fn identify_readings(method: &dyn Method, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let mut estimate = method.identify(plan, readings)?;
-    estimate.measured = axis_ranges(readings);
+    estimate.measured_ranges = axis_ranges(readings);
     add_budget_sensitivities(&mut estimate, plan);
     estimate.provenance = estimate_provenance(plan, readings);
-    estimate.priors = plan.priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
+    estimate.prior_hashes = plan.priors.iter().filter_map(|prior| sha256_of_json(prior).ok()).collect();
     Ok(estimate)
 }
 
 /// Hash of the plan's probe and of its stylus position. `None`: a value cannot be written as JSON.
 pub fn probe_sha256(plan: &Plan) -> Option<String> {
-    sha256(&(plan.probe.identity(), plan.machine.tool_mm)).ok()
+    sha256_of_json(&(plan.probe.identity(), plan.machine.tool_mm)).ok()
 }
 
 /// Provenance of the estimate. `None`: a value cannot be written as JSON.
@@ -183,10 +183,10 @@ fn estimate_provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> 
             None => concat!("trued ", env!("CARGO_PKG_VERSION")).to_owned(),
         },
         machine: plan.machine.name.clone(),
-        plan_sha256: sha256(plan).ok()?,
-        readings_sha256: sha256(&readings).ok()?,
+        plan_sha256: sha256_of_json(plan).ok()?,
+        readings_sha256: sha256_of_json(&readings).ok()?,
         probe_sha256: probe_sha256(plan)?,
-        artefact_sha256: sha256(&plan.artefact).ok()?,
+        artefact_sha256: sha256_of_json(&plan.artefact).ok()?,
         compensations_active: plan.compensations_active.clone(),
         duration_s: last.zip(first).map_or(0.0, |(last, first)| last - first),
         temperatures_c,

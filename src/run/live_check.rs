@@ -31,17 +31,17 @@ impl Run<'_> {
                 if let Artefact::Cylinder(_) = self.plan.artefact {
                     text += " (a round part does not confirm the positions of the rotary axes)";
                 }
-                self.record_event(RunEvent::Announced { text }).await?;
+                self.record_event(RunEvent::OperatorMessage { text }).await?;
                 Ok(None)
             }
             LiveCheck::Person => {
                 let seconds = STYLUS_TIMEOUT.as_secs();
                 let text = format!("deflect the stylus by hand and release it within {seconds} s");
-                self.record_event(RunEvent::Announced { text }).await?;
+                self.record_event(RunEvent::OperatorMessage { text }).await?;
                 self.wait_for_probe_input(true).await?;
                 self.wait_for_probe_input(false).await?;
                 self.is_probe_confirmed = true;
-                self.record_event(RunEvent::Announced { text: "the probe works".to_owned() }).await?;
+                self.record_event(RunEvent::OperatorMessage { text: "the probe works".to_owned() }).await?;
                 // The operator may have moved the machine, and changed modes, offsets or overrides.
                 Ok(Some(self.devices.open_controller.prepare().await?.position))
             }
@@ -60,7 +60,7 @@ impl Run<'_> {
                 return Ok(());
             }
             if Instant::now() > deadline {
-                return Err(RunError::StylusTimeout { closed: is_closed, seconds: STYLUS_TIMEOUT.as_secs() });
+                return Err(RunError::StylusTimeout { expects_closed: is_closed, seconds: STYLUS_TIMEOUT.as_secs() });
             }
             sleep(STYLUS_POLL_PERIOD).await;
         }

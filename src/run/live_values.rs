@@ -19,10 +19,10 @@ const MIN_ECCENTRICITY_DETERMINANT: f64 = 0.05;
 
 impl Run<'_> {
     /// Reads the next sample of each of these sensors. The values are not stored.
-    pub(super) async fn read_live_values(&self, watch: &[WatchedSensor]) -> LiveValues {
+    pub(super) async fn read_live_values(&self, watched_sensors: &[WatchedSensor]) -> LiveValues {
         live_values_with_artefact_position(
-            watch,
-            join_all(watch.iter().map(|watched| self.read_live_sensor(watched))).await,
+            watched_sensors,
+            join_all(watched_sensors.iter().map(|watched| self.read_live_sensor(watched))).await,
         )
     }
 
@@ -56,8 +56,11 @@ fn describe_missing_distance(flag: ReadingFlag) -> &'static str {
 }
 
 /// Adds the position of the artefact to the values.
-pub(super) fn live_values_with_artefact_position(watch: &[WatchedSensor], sensors: Vec<LiveSensorValue>) -> LiveValues {
-    let sections = section_eccentricities(watch, &sensors);
+pub(super) fn live_values_with_artefact_position(
+    watched_sensors: &[WatchedSensor],
+    sensors: Vec<LiveSensorValue>,
+) -> LiveValues {
+    let sections = section_eccentricities(watched_sensors, &sensors);
     let numbered = |section: &SectionEccentricity| LiveCrossSectionValue {
         number: section.section_number,
         eccentricity_um: section.eccentricity_mm.map(|mm| mm.map(|mm| mm * 1e3)),
@@ -73,9 +76,9 @@ struct SectionEccentricity {
 }
 
 /// Eccentricities of the cross-sections to which the watched sensors belong, in the order of the section numbers.
-fn section_eccentricities(watch: &[WatchedSensor], sensors: &[LiveSensorValue]) -> Vec<SectionEccentricity> {
+fn section_eccentricities(watched_sensors: &[WatchedSensor], sensors: &[LiveSensorValue]) -> Vec<SectionEccentricity> {
     let mut deviations: BTreeMap<usize, (f64, Vec<RadialDeviation>)> = BTreeMap::new();
-    for (watched, live) in watch.iter().zip(sensors) {
+    for (watched, live) in watched_sensors.iter().zip(sensors) {
         let Some(CrossSectionPoint { number, z_mm, angle_deg }) = watched.section else { continue };
         let (_, of_section) = deviations.entry(number).or_insert((z_mm, Vec::new()));
         let to_target_mm = live.change_to_target_um().map(|um| um * 1e-3);

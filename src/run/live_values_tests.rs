@@ -57,7 +57,7 @@ fn machine_with_sensor(address: SocketAddr) -> MachineFile {
 }
 
 /// The signal that the live value results from, and the signal to send next.
-fn shown_and_next_signal(x1: &LiveSensorValue) -> Option<(SensorSignal, SensorSignal)> {
+fn received_and_next_signal(x1: &LiveSensorValue) -> Option<(SensorSignal, SensorSignal)> {
     match (x1.value_mm, x1.failure.as_deref()) {
         (Some(0.04), None) => Some((SensorSignal::Distance, SensorSignal::NoEcho)),
         (None, Some("out of range")) => Some((SensorSignal::NoEcho, SensorSignal::Silent)),
@@ -86,7 +86,7 @@ async fn sensor_failures_are_shown_and_do_not_end_a_prompt() {
     let mut on_event = |event: &RunEvent| match event {
         RunEvent::Watched { values } => {
             assert!(!is_answered.load(Ordering::SeqCst), "read after the answer");
-            if let Some((is, next)) = shown_and_next_signal(&values.sensors[0]) {
+            if let Some((is, next)) = received_and_next_signal(&values.sensors[0]) {
                 *signal.lock().unwrap() = next;
                 is_done.store(is == SensorSignal::ConnectionClosed, Ordering::SeqCst);
                 seen.extend((seen.last() != Some(&is)).then_some(is));
@@ -94,7 +94,7 @@ async fn sensor_failures_are_shown_and_do_not_end_a_prompt() {
             kept.push(journal.load_run(id).unwrap().events.len());
             told.push(values.clone());
         }
-        RunEvent::Answered { .. } => is_answered.store(true, Ordering::SeqCst),
+        RunEvent::PromptConfirmed { .. } => is_answered.store(true, Ordering::SeqCst),
         _ => {}
     };
     let answers = {

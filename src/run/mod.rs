@@ -66,7 +66,7 @@ use planning::TouchedDirections;
 use planning::gcode::TransmissionForm;
 
 /// Timeout for the compensation values of the control: its computer may be reached over a network.
-const VALUES_OF_CONTROL_TIMEOUT: Duration = Duration::from_secs(10);
+const COMPENSATION_VALUES_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// One run of one method.
 pub struct Run<'a> {
@@ -148,8 +148,8 @@ impl<'a> Run<'a> {
     }
 
     /// Journals the end of the run.
-    async fn record_end(&mut self, ended: Result<(), RunError>) -> Result<(), RunError> {
-        match ended {
+    async fn record_end(&mut self, run_result: Result<(), RunError>) -> Result<(), RunError> {
+        match run_result {
             Ok(()) => {
                 self.journal.set_state(self.id, RunState::NotIdentified).await?;
                 self.record_event(RunEvent::Finished).await
@@ -158,9 +158,9 @@ impl<'a> Run<'a> {
                 let error = match self.plan.sensors.first() {
                     Some(sensor) => error.add_sensor_to_probe_input_error(&sensor.name),
                     None if self.is_probe_confirmed => error,
-                    None => error.no_contact_into_no_first_contact(),
+                    None => error.convert_no_contact_to_no_first_contact(),
                 };
-                self.journal_end_by_error(&error).await;
+                self.journal_error_end(&error).await;
                 Err(error)
             }
         }
@@ -174,7 +174,7 @@ impl<'a> Run<'a> {
         self.next_stage(&[])?;
         let planned = Plan { steps, ..self.plan.clone() };
         for text in self.method.forecast(&planned, self.remaining_stages.total_machine_time_s())? {
-            self.record_event(RunEvent::Announced { text }).await?;
+            self.record_event(RunEvent::OperatorMessage { text }).await?;
         }
         let position = self.prepare_devices().await?;
         self.run_stages(Vec::new(), Some(position)).await
@@ -194,9 +194,9 @@ impl<'a> Run<'a> {
         }
         let prepared = self.devices.open_controller.prepare().await?;
         self.record_event(RunEvent::ControlPrepared { identity: prepared.identity.to_string() }).await?;
-        self.record_event(RunEvent::Announced { text: prepared.stop_description }).await?;
+        self.record_event(RunEvent::OperatorMessage { text: prepared.stop_description }).await?;
         if let Some(text) = describe_unreadable_items(&prepared.unreadable_items) {
-            self.record_event(RunEvent::Announced { text }).await?;
+            self.record_event(RunEvent::OperatorMessage { text }).await?;
         }
         self.temperature_log.start_polling(&self.devices.thermometers).await;
         self.confirmed_directions = TouchedDirections::default();
@@ -238,7 +238,7 @@ impl<'a> Run<'a> {
             messages.extend((tally.received_count > 0).then(|| format!("{}: {tally}", sensor.name())));
         }
         for text in messages {
-            self.record_event(RunEvent::Announced { text }).await?;
+            self.record_event(RunEvent::OperatorMessage { text }).await?;
         }
         Ok(())
     }
@@ -248,19 +248,19 @@ impl<'a> Run<'a> {
     }
 
     /// Journals the compensation values that the control holds, and how they differ from the journal.
-    async fn record_values_of_control(&mut self, machine: &MachineFile) -> Result<(), RunError> {
+    async fn record_compensation_values(&mut self, machine: &MachineFile) -> Result<(), RunError> {
         if machine.compensation.is_empty() {
             return Ok(());
         }
         let stored = self.journal.compensations(&machine.machine.name)?;
         let machine = machine.clone();
         let reading = tokio::task::spawn_blocking(move || describe_values_of_control(&machine, &stored));
-        let lines = match tokio::time::timeout(VALUES_OF_CONTROL_TIMEOUT, reading).await {
+        let lines = match tokio::time::timeout(COMPENSATION_VALUES_TIMEOUT, reading).await {
             Ok(Ok(lines)) => lines,
             _ => vec!["the compensation values of the control are unknown: the control does not answer".to_owned()],
         };
         for text in lines {
-            self.record_event(RunEvent::Announced { text }).await?;
+            self.record_event(RunEvent::OperatorMessage { text }).await?;
         }
         Ok(())
     }
@@ -274,7 +274,7 @@ impl<'a> Run<'a> {
 
     /// Journals the error that ended the run. A failure of the journal is ignored here: the caller reports `error`, and
     /// nothing more can be stored.
-    async fn journal_end_by_error(&mut self, error: &RunError) {
+    async fn journal_error_end(&mut self, error: &RunError) {
         let event = match error {
             _ if error.is_requested_stop() => RunEvent::Held { reason: error.to_string() },
             _ => RunEvent::Faulted {
@@ -284,7 +284,7 @@ impl<'a> Run<'a> {
             },
         };
         let state = match error {
-            _ if error.closes_run() => RunState::Closed,
+            _ if error.closes_run() => RunState::NotResumable,
             _ if self.has_moved || self.is_resumed || error.is_requested_stop() => RunState::Held,
             _ => RunState::Failed,
         };

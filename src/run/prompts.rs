@@ -56,7 +56,7 @@ impl PromptAnswerSource {
 /// Answered prompts as (step id, repeat number).
 pub(super) fn answered_prompt_steps_and_repeats(events: &[(Timestamp, RunEvent)]) -> Vec<(u32, u32)> {
     let answer = |(_, event): &(_, RunEvent)| match event {
-        RunEvent::Answered { step, repeat, .. } => Some((*step, *repeat)),
+        RunEvent::PromptConfirmed { step, repeat, .. } => Some((*step, *repeat)),
         _ => None,
     };
     events.iter().filter_map(answer).collect()
@@ -119,7 +119,7 @@ impl Run<'_> {
     async fn wait_for_prompt(&mut self, prompt: OpenPrompt, watched_sensors: &[WatchedSensor]) -> Result<(), RunError> {
         self.check_operator_available(Some(&prompt.text))?;
         let OpenPrompt { step_id: step, repeat_number: repeat, text } = prompt.clone();
-        self.record_event(RunEvent::Asked { step, repeat, text }).await?;
+        self.record_event(RunEvent::PromptStarted { step, repeat, text }).await?;
         let halt = self.devices.open_controller.halt_handle();
         let mut next_values = Instant::now();
         let who = loop {
@@ -137,6 +137,6 @@ impl Run<'_> {
             sleep(ANSWER_POLL_PERIOD).await;
         };
         self.answered_prompt_steps_and_repeats.push((step, repeat));
-        self.record_event(RunEvent::Answered { step, repeat, who }).await
+        self.record_event(RunEvent::PromptConfirmed { step, repeat, who }).await
     }
 }

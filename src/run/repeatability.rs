@@ -40,7 +40,7 @@ pub enum RepeatabilityError {
     #[error(transparent)]
     Identification(#[from] IdentificationError),
     #[error("run {0} has fewer than two complete passes")]
-    SinglePass(RunId),
+    FewerThanTwoPasses(RunId),
     #[error("run {0} has no estimate")]
     NoEstimate(RunId),
     #[error("run {0} is listed twice")]
@@ -56,7 +56,7 @@ impl RepeatabilityError {
         match self {
             Self::Store(error) => Some(error.remedy().to_owned()),
             Self::Identification(error) => error.remedy(),
-            Self::SinglePass(_) => {
+            Self::FewerThanTwoPasses(_) => {
                 Some("measure with `trued run self-calibration --repeat 5`, or name several runs".to_owned())
             }
             Self::NoEstimate(run) => Some(format!("`trued show {run}` states the next action")),
@@ -71,8 +71,8 @@ impl RepeatabilityError {
 
 /// Parameters of one repetition, with its mean time and temperatures.
 struct RepetitionResult {
-    time_s: f64,
-    temperatures_c: Temperatures,
+    mean_time_s: f64,
+    mean_temperatures_c: Temperatures,
     parameters: Vec<Parameter>,
 }
 
@@ -123,7 +123,8 @@ fn results_of_runs(runs: &[StoredRun]) -> Result<Vec<RepetitionResult>, Repeatab
 }
 
 fn results_of_passes(run: &StoredRun) -> Result<Vec<RepetitionResult>, RepeatabilityError> {
-    let has_passes = methods::method_description(&run.plan.method).is_some_and(|description| description.has_passes);
+    let has_passes =
+        methods::method_description(&run.plan.method).is_some_and(|description| description.has_cycle_passes);
     let read: BTreeSet<(u32, u32)> = run.readings.iter().map(|reading| (reading.step, reading.repeat)).collect();
     let is_pass = |repeat: &u32| has_passes && *repeat < FIRST_OUTLIER_REPEAT_NUMBER;
     // The steps before the passes, which locate the part, are measured once.
@@ -134,7 +135,7 @@ fn results_of_passes(run: &StoredRun) -> Result<Vec<RepetitionResult>, Repeatabi
     let is_complete = |pass: &u32| repeated_steps.iter().all(|step| read.contains(&(*step, *pass)));
     let passes: Vec<u32> = repeats.into_iter().filter(is_complete).collect();
     if passes.len() < 2 || repeated_steps.is_empty() {
-        return Err(RepeatabilityError::SinglePass(run.summary.id));
+        return Err(RepeatabilityError::FewerThanTwoPasses(run.summary.id));
     }
     let mut plan = run.plan.clone();
     plan.settings["repeats"] = 1.into();
@@ -166,8 +167,8 @@ fn readings_of_pass(readings: &[Reading], repeated_steps: &BTreeSet<u32>, pass: 
 }
 
 impl RepetitionResult {
-    /// `begun_s`: origin of the times of the readings, s.
-    fn new(readings: &[Reading], begun_s: f64, parameters: Vec<Parameter>) -> Self {
+    /// `time_origin_s`: origin of the times of the readings, s.
+    fn new(readings: &[Reading], time_origin_s: f64, parameters: Vec<Parameter>) -> Self {
         let mean_time_s = mean(readings.iter().map(|reading| reading.t_s)).unwrap_or(0.0);
         let names = readings.iter().flat_map(|reading| reading.temperatures_c.iter().map(|(name, _)| name));
         let names: BTreeSet<&str> = names.collect();
@@ -176,7 +177,7 @@ impl RepetitionResult {
             Some((name.to_owned(), celsius))
         };
         let temperatures: BTreeMap<String, f64> = names.into_iter().filter_map(mean_of).collect();
-        Self { time_s: begun_s + mean_time_s, temperatures_c: temperatures.into(), parameters }
+        Self { mean_time_s: time_origin_s + mean_time_s, mean_temperatures_c: temperatures.into(), parameters }
     }
 
     fn parameter(&self, symbol: &str, unit: Unit) -> Option<&Parameter> {
@@ -195,7 +196,12 @@ fn repeatability_of_parameters(results: &[RepetitionResult]) -> Vec<Repeatabilit
     let of_parameter = |Parameter { symbol, unit, .. }: &Parameter| {
         let repetition = |result: &RepetitionResult| {
             let Parameter { value, u, .. } = *result.parameter(symbol, *unit)?;
-            Some(Repetition { time_s: result.time_s, value, u, temperatures_c: result.temperatures_c.clone() })
+            Some(Repetition {
+                time_s: result.mean_time_s,
+                value,
+                u,
+                temperatures_c: result.mean_temperatures_c.clone(),
+            })
         };
         let repetitions: Option<Vec<Repetition>> = results.iter().map(repetition).collect();
         Repeatability::from_repetitions(symbol, *unit, &repetitions?)

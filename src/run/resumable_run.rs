@@ -169,7 +169,7 @@ fn check_is_resumable(stored: &StoredRun) -> Result<(), ResumeRefusal> {
         RunState::Finished => "is finished",
         RunState::NotIdentified => "is measured completely and has no estimate yet",
         RunState::Failed => "was refused before any motion",
-        RunState::Closed => "is closed",
+        RunState::NotResumable => "is closed",
         _ => "is in progress",
     };
     let next_action = run_story::next_action(stored, can_resume(&stored.plan, &stored.readings));

@@ -25,7 +25,7 @@ pub struct InterruptedRun {
 
 /// Whether a run can be resumed after a stop: its references were measured.
 pub fn can_resume(plan: &Plan, readings: &[Reading]) -> bool {
-    ReferencePoints::from_readings(plan, readings).covers_all_directions()
+    ReferencePoints::from_readings(plan, readings).covers_all_reference_directions()
 }
 
 impl Run<'_> {
@@ -69,14 +69,14 @@ impl Run<'_> {
         self.journal.set_state(self.id, RunState::Running).await?;
         // Journaled before the first touch: all later readings come after the gap.
         self.record_event(RunEvent::Resumed { gap_s }).await?;
-        if self.plan.gaps_s.last() != Some(&gap_s) {
-            self.plan.gaps_s.push(gap_s);
+        if self.plan.interruption_times_s.last() != Some(&gap_s) {
+            self.plan.interruption_times_s.push(gap_s);
         }
         self.timeline = Timeline::resumed_after(gap_s, elapsed_s);
         let machine_position = if self.was_artefact_remounted() {
             let text = "the artefact was remounted after the last reading: the references cannot be \
                 compared";
-            self.record_event(RunEvent::Announced { text: text.to_owned() }).await?;
+            self.record_event(RunEvent::OperatorMessage { text: text.to_owned() }).await?;
             Some(machine_position)
         } else {
             self.measure_references(&stages, machine_position).await?
@@ -112,12 +112,12 @@ impl Run<'_> {
         let references = ReferencePoints::from_readings(&self.plan, before);
         let unseen = references.labels_without_reading(after);
         if !unseen.is_empty() {
-            return Err(RunError::ReferencesNotRemeasured { places: unseen.join("; ") });
+            return Err(RunError::ReferencesNotRemeasured { reference_labels: unseen.join("; ") });
         }
         let (mut shifts, scatter) = references.shifts_and_scatter_after_stop(after);
         if shifts.iter().all(ReferenceShift::is_within_limit) {
             let text = format!("the references agree: {}", describe_shifts(&shifts));
-            self.record_event(RunEvent::Announced { text }).await?;
+            self.record_event(RunEvent::OperatorMessage { text }).await?;
             return Ok(machine_position);
         }
         shifts.retain(|shift| !shift.is_within_limit());

@@ -32,7 +32,7 @@ impl Run<'_> {
     ) -> Result<Vec<Reading>, RunError> {
         let scan_blocks = blocks.split_off(out_of_range_block_count(scan, blocks.len()));
         let is_ball_in_nest = blocks.is_empty();
-        self.leave_sensor_range(step, blocks).await?;
+        self.clear_sensor_range_before_scan(step, blocks).await?;
         if is_ball_in_nest {
             for sensor in self.step_sensors_on(step, &[SensorMount::Table]) {
                 self.check_sample(step, &sensor.name, is_distance).await?;
@@ -54,7 +54,7 @@ impl Run<'_> {
     /// position where no declared body is within the range of a sensor in the spindle and the ball is outside the range
     /// of a sensor on the table. A distance during or after the last of these motions means that a body is not at its
     /// stated position; the machine is then held.
-    async fn leave_sensor_range(&mut self, step: &Step, blocks: Vec<ProvenBlock>) -> Result<(), RunError> {
+    async fn clear_sensor_range_before_scan(&mut self, step: &Step, blocks: Vec<ProvenBlock>) -> Result<(), RunError> {
         let moving = self.step_sensors_on(step, &[SensorMount::Spindle, SensorMount::Table]);
         let moving: Vec<String> = moving.into_iter().map(|sensor| sensor.name).collect();
         let condition = |name: &String, is_last: bool| -> SampleCondition {
@@ -88,7 +88,7 @@ impl Run<'_> {
         let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
             let conditions = match number {
-                0 => self.entry_conditions(step, is_ball_in_nest),
+                0 => self.range_entry_conditions(step, is_ball_in_nest),
                 _ => step.sensors.iter().map(|_| Box::new(is_distance) as SampleCondition).collect(),
             };
             commanded = position_after_motions(block.motions(), &commanded);

@@ -87,8 +87,12 @@ impl Run<'_> {
             return Err(scan_in_motion_failed(step, "the step contains no motion"));
         };
         for approach_block in blocks {
-            self.execute_with_hold_on_rejection(step, approach_block, self.entry_conditions(step, is_ball_in_nest))
-                .await?;
+            self.execute_with_hold_on_rejection(
+                step,
+                approach_block,
+                self.range_entry_conditions(step, is_ball_in_nest),
+            )
+            .await?;
         }
         let sweep = self.execute_scan_in_motion(step, scan, block).await?;
         let mut readings = Vec::new();
@@ -104,7 +108,7 @@ impl Run<'_> {
                 Some((axis, count)) => {
                     let turn = equal_angles::resample_turn(&placed.samples, axis, count);
                     if let Some(text) = turn.gap_message(&step.label, sensor) {
-                        self.record_event(RunEvent::Announced { text }).await?;
+                        self.record_event(RunEvent::OperatorMessage { text }).await?;
                     }
                     turn.samples_with_positions
                 }
@@ -121,11 +125,11 @@ impl Run<'_> {
         scan: &Scan,
         block: ProvenBlock,
     ) -> Result<ExecutedScanInMotion, RunError> {
-        let mut channels = self.open_sensor_channels(step, scan).await?;
+        let mut channels = self.prepare_sensor_channels(step, scan).await?;
         let is_counted = channels.iter().any(|channel| channel.encoder_and_rest_sample.is_some());
         let before = if is_counted { Some(self.read_rest_position(scan.path.first()).await?) } else { None };
         let (conditions, mut kept): (Vec<SampleCondition>, Vec<mpsc::Receiver<Sample>>) =
-            step.sensors.iter().map(|_| buffering_condition(MAX_SAMPLES_PER_SENSOR)).unzip();
+            step.sensors.iter().map(|_| distance_buffering_condition(MAX_SAMPLES_PER_SENSOR)).unzip();
         self.begin_watch(step, conditions).await?;
         let executed = self.devices.open_controller.execute(block).await;
         if is_counted && executed.is_ok() {
@@ -135,7 +139,7 @@ impl Run<'_> {
         channels.iter_mut().zip(&mut kept).for_each(|(channel, kept)| channel.append_received(kept));
         let is_full = channels.iter().any(|channel| channel.samples.len() >= MAX_SAMPLES_PER_SENSOR);
         let outcome = match outcome {
-            Err(RunError::UnexpectedDistance { .. }) if is_full => {
+            Err(RunError::UnexpectedBodyInRange { .. }) if is_full => {
                 let why = "a sensor sent more samples during the motion than the buffer can store";
                 return Err(scan_in_motion_failed(step, why));
             }
@@ -153,7 +157,7 @@ impl Run<'_> {
     }
 
     /// Empty channels for the sensors of `step`, with a sample at rest where encoder counts give the positions.
-    async fn open_sensor_channels(&self, step: &Step, scan: &Scan) -> Result<Vec<SensorChannel>, RunError> {
+    async fn prepare_sensor_channels(&self, step: &Step, scan: &Scan) -> Result<Vec<SensorChannel>, RunError> {
         let scales: Vec<_> = step.sensors.iter().map(|name| self.path_encoder(scan, name)).collect();
         let firsts: Vec<Option<Sample>> = match scales.iter().any(Option::is_some) {
             true => {
@@ -181,18 +185,18 @@ impl Run<'_> {
         &mut self,
         step: &Step,
         sensor: &str,
-        placed: &PositionedSamples,
-        gaps: usize,
+        positioned: &PositionedSamples,
+        gap_count: usize,
     ) -> Result<(), RunError> {
         let PositionedSamples {
             samples,
             without_position_count: without_position,
             dropped_by_rate_count: dropped_by_rate,
-        } = placed;
+        } = positioned;
         let (label, all) = (&step.label, samples.len() + without_position + dropped_by_rate);
         let by_gaps = format!(
             "{label}: {without_position} of {all} samples of {sensor} are not used: the positions of the control \
-            have {gaps} gaps"
+            have {gap_count} gaps"
         );
         let by_rate = format!(
             "{label}: {dropped_by_rate} of {all} samples of {sensor} are not used: the sensor is faster than \
@@ -200,7 +204,7 @@ impl Run<'_> {
         );
         for (count, text) in [(without_position, by_gaps), (dropped_by_rate, by_rate)] {
             if *count > 0 {
-                self.record_event(RunEvent::Announced { text }).await?;
+                self.record_event(RunEvent::OperatorMessage { text }).await?;
             }
         }
         Ok(())
@@ -257,8 +261,8 @@ impl ExecutedScanInMotion {
 
 impl SensorChannel {
     /// Appends the samples received so far.
-    fn append_received(&mut self, kept: &mut mpsc::Receiver<Sample>) {
-        self.samples.extend(std::iter::from_fn(|| kept.try_recv().ok()));
+    fn append_received(&mut self, receiver: &mut mpsc::Receiver<Sample>) {
+        self.samples.extend(std::iter::from_fn(|| receiver.try_recv().ok()));
     }
 
     /// Whether the counts of `samples`, two or more, are nearly equal.
@@ -273,16 +277,16 @@ impl SensorChannel {
 }
 
 /// Waits until the newest samples of each sensor with counts show an axis at rest, or until the last check.
-async fn wait_for_encoder_rest(channels: &mut [SensorChannel], kept: &mut [mpsc::Receiver<Sample>]) {
+async fn wait_for_encoder_rest(channels: &mut [SensorChannel], receivers: &mut [mpsc::Receiver<Sample>]) {
     let size = |(channel, kept): (&mut SensorChannel, &mut mpsc::Receiver<Sample>)| {
         channel.append_received(kept);
         channel.samples.len()
     };
-    let mut sizes: Vec<usize> = channels.iter_mut().zip(kept.iter_mut()).map(size).collect();
+    let mut sizes: Vec<usize> = channels.iter_mut().zip(receivers.iter_mut()).map(size).collect();
     for _ in 0..MAX_STANDSTILL_POLLS {
         sleep(STANDSTILL_POLL_PERIOD).await;
         let mut is_at_rest = true;
-        for ((channel, kept), size) in channels.iter_mut().zip(kept.iter_mut()).zip(&mut sizes) {
+        for ((channel, kept), size) in channels.iter_mut().zip(receivers.iter_mut()).zip(&mut sizes) {
             channel.append_received(kept);
             let newest = channel.samples.get(*size..).unwrap_or_default();
             is_at_rest &= channel.is_at_rest(newest);
@@ -303,7 +307,7 @@ fn scan_in_motion_failed(step: &Step, why: &str) -> RunError {
 
 /// Condition that accepts distances only, and the channel to which the condition sends them. When the channel is full
 /// (`capacity` unread samples), the condition rejects the next sample, which holds the machine.
-fn buffering_condition(capacity: usize) -> (SampleCondition, mpsc::Receiver<Sample>) {
+fn distance_buffering_condition(capacity: usize) -> (SampleCondition, mpsc::Receiver<Sample>) {
     let (sender, receiver) = mpsc::channel(capacity);
     let keep = move |sample: &Sample| is_distance(sample) && sender.try_send(*sample).is_ok();
     (Box::new(keep), receiver)

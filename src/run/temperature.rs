@@ -54,7 +54,7 @@ impl Run<'_> {
                 "thermometer {name} does not reply: {why}; readings have no temperature of {name} until the \
                 thermometer replies again"
             );
-            self.record_event(RunEvent::Announced { text }).await?;
+            self.record_event(RunEvent::OperatorMessage { text }).await?;
         }
         Ok(temperatures)
     }
@@ -67,7 +67,7 @@ impl Run<'_> {
             .iter()
             .map(|(name, count)| format!("thermometer {name}: {count} of {readings} readings have no temperature"));
         for text in told.collect::<Vec<_>>() {
-            self.record_event(RunEvent::Announced { text }).await?;
+            self.record_event(RunEvent::OperatorMessage { text }).await?;
         }
         Ok(())
     }

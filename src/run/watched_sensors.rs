@@ -37,7 +37,7 @@ const RANGE_EDGE_SHARE: f64 = 0.1;
 
 /// Condition while a ball enters the range of a sensor: any sample but a failure until the distance is well
 /// within the range, afterwards distances alone.
-pub(super) fn entry_condition(range_mm: [f64; 2]) -> SampleCondition {
+pub(super) fn range_entry_condition(range_mm: [f64; 2]) -> SampleCondition {
     let [least, greatest] = range_mm;
     let edge = RANGE_EDGE_SHARE * (greatest - least);
     let inner = least + edge..=greatest - edge;
@@ -59,7 +59,7 @@ impl Run<'_> {
             let prepared = sensor.prepare().await.map_err(&fault)?;
             self.open_sensors.push(sensor);
             let text = format!("{}: {}", wanted.name, prepared.identity);
-            self.record_event(RunEvent::Announced { text }).await?;
+            self.record_event(RunEvent::OperatorMessage { text }).await?;
         }
         self.is_probe_confirmed = true;
         Ok(())
@@ -75,12 +75,12 @@ impl Run<'_> {
     /// Conditions for the sensors of `step` during the motion to the first point. A sensor on the table
     /// measures the ball in the spindle, which is between the sensors during the whole motion (`is_ball_in_nest`) or
     /// enters their range.
-    pub(super) fn entry_conditions(&self, step: &Step, is_ball_in_nest: bool) -> Vec<SampleCondition> {
+    pub(super) fn range_entry_conditions(&self, step: &Step, is_ball_in_nest: bool) -> Vec<SampleCondition> {
         let on_table = self.step_sensors_on(step, &[SensorMount::Table]);
         let condition = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
             None => Box::new(has_signal) as SampleCondition,
             Some(_) if is_ball_in_nest => Box::new(is_distance),
-            Some(sensor) => entry_condition(sensor.range_mm),
+            Some(sensor) => range_entry_condition(sensor.range_mm),
         };
         step.sensors.iter().map(condition).collect()
     }
@@ -126,13 +126,13 @@ impl Run<'_> {
     pub(super) async fn end_watch(
         &self,
         step: &Step,
-        executed: Result<MotionBlockOutcome, ControllerError>,
+        execution_result: Result<MotionBlockOutcome, ControllerError>,
     ) -> Result<MotionBlockOutcome, RunError> {
         let mut accepted = Ok(());
         for sensor in self.step_sensors(step)? {
             accepted = accepted.and(end_sensor_watch(step, sensor).await);
         }
-        match executed {
+        match execution_result {
             // An error of the control is returned first, except a halt, which a rejected sample may have requested.
             Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
             executed => accepted.and(executed.map_err(RunError::from)),
@@ -184,7 +184,7 @@ async fn take_samples(step: &Step, sensor: &OpenSensor, count: u32) -> Result<Ve
 fn sample_error(step: &Step, sensor: &str, sample: Option<&Sample>) -> RunError {
     let (step, sensor) = (step.id, sensor.to_owned());
     if let Some(value_mm) = sample.and_then(|sample| sample.value_mm) {
-        return RunError::UnexpectedDistance { step, sensor, value_mm };
+        return RunError::UnexpectedBodyInRange { step, sensor, value_mm };
     }
     RunError::NoValidSample { step, sensor, flag: sample.map_or(ReadingFlag::Stale, |sample| sample.flag) }
 }
@@ -209,13 +209,13 @@ mod tests {
     #[test]
     fn ball_can_enter_the_range_of_a_sensor_but_not_leave_it() {
         let out_of_range = sample(None, ReadingFlag::Range);
-        let condition = entry_condition([-1.0, 1.0]);
+        let condition = range_entry_condition([-1.0, 1.0]);
         // At the far end of the range noise makes the distance appear and disappear.
         for entering in [out_of_range, distance(0.99), out_of_range, distance(0.7), distance(-0.9)] {
             assert!(condition(&entering), "{entering:?}");
         }
         assert!(!condition(&out_of_range));
-        let condition = entry_condition([-1.0, 1.0]);
+        let condition = range_entry_condition([-1.0, 1.0]);
         assert!(!condition(&sample(None, ReadingFlag::Stale)) && !condition(&sample(None, ReadingFlag::Saturated)));
     }
 }

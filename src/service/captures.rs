@@ -11,17 +11,17 @@ use link::{CaptureWriter, LinkMode};
 /// the file is `talk-begun.capture`. If that file is left over from a cycle that never became a run, the next
 /// name is `talk-begun-2.capture`.
 #[derive(Clone)]
-pub(super) struct CaptureFiles(PathBuf);
+pub(super) struct CaptureFileNamer(PathBuf);
 
 /// The capture of one cycle.
 pub(super) struct RunCapture<'a> {
-    capture_files: &'a CaptureFiles,
+    capture_files: &'a CaptureFileNamer,
     file: PathBuf,
     capture: CaptureWriter,
     log: &'a Log,
 }
 
-impl CaptureFiles {
+impl CaptureFileNamer {
     pub(super) fn new(file: PathBuf) -> Self {
         Self(file)
     }
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn existing_capture_is_kept_and_the_next_has_another_name() {
         let folder = tempfile::tempdir().unwrap();
-        let captures = CaptureFiles::new(folder.path().join("talk.capture"));
+        let captures = CaptureFileNamer::new(folder.path().join("talk.capture"));
         let left = ["talk-begun.capture", "talk-begun-2.capture"];
         for name in left {
             std::fs::write(folder.path().join(name), name).unwrap();

@@ -249,7 +249,7 @@ impl CommandGate {
         };
         let (report, answer) = inspection.report_and_result_receiver();
         let what = format!("acknowledgement by {}", inspection.who);
-        drop(self.send_command(inner, judged, WorkerCommand::ReportInspection(report), &what)?);
+        drop(self.send_command(inner, judged, WorkerCommand::Acknowledge(report), &what)?);
         Ok(answer)
     }
 
@@ -277,8 +277,8 @@ impl CommandGate {
         Ok(())
     }
 
-    /// Source of the answers for the run. Each poll reports progress with `next_report_within`, so that a run that waits
-    /// for a person does not count as hung.
+    /// Source of the answers for the run. Each poll reports progress with `next_report_within`, so that a run that
+    /// waits for a person does not count as hung.
     pub(super) fn prompt_answer_source(&self, next_report_within: Duration) -> PromptAnswerSource {
         let gate = self.clone();
         PromptAnswerSource::new(move |asked| {

@@ -55,8 +55,8 @@ pub struct ModbusServerConfig {
 #[serde(deny_unknown_fields)]
 struct HttpKeys {
     listen: SocketAddr,
-    #[serde(default)]
-    names: Vec<String>,
+    #[serde(rename = "names", default)]
+    proxy_names: Vec<String>,
     #[serde(default)]
     tokens: bool,
 }
@@ -76,7 +76,7 @@ pub struct HttpConfig {
 impl TryFrom<HttpKeys> for HttpConfig {
     type Error = String;
 
-    fn try_from(HttpKeys { listen, names, tokens }: HttpKeys) -> Result<Self, String> {
+    fn try_from(HttpKeys { listen, proxy_names: names, tokens }: HttpKeys) -> Result<Self, String> {
         if !names.is_empty() && !tokens {
             return Err("`names` permits access from other computers, where any client may start a cycle: set \
                         `tokens = true`, and create a token for each client with `trued token add`"

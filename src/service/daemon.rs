@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::thread::{Builder, JoinHandle};
 
-use super::captures::CaptureFiles;
+use super::captures::CaptureFileNamer;
 use super::command_gate::CommandGate;
 use super::config::HttpConfig;
 use super::daemon_file::DaemonFile;
@@ -25,7 +25,7 @@ pub struct Service {
     state_dir: PathBuf,
     log: Log,
     metrics: Metrics,
-    capture_files: Option<CaptureFiles>,
+    capture_files: Option<CaptureFileNamer>,
     /// `None`: nothing is removed.
     retention_config: Option<RetentionConfig>,
 }
@@ -65,7 +65,7 @@ impl Service {
     /// Captures every byte of each run's links: the file name is that of `file` with the run's number before the
     /// extension.
     pub fn with_captures(mut self, file: PathBuf) -> Self {
-        let captures = CaptureFiles::new(file);
+        let captures = CaptureFileNamer::new(file);
         self.workers.iter_mut().for_each(|worker| worker.capture_files = Some(captures.clone()));
         self.capture_files = Some(captures);
         self

@@ -64,7 +64,7 @@ impl DaemonFile {
     /// # Errors
     /// The errors of [`Self::read`].
     pub fn built_in() -> Result<Self, MachineFileError> {
-        let machine = read_serve_section(MachineFile::embedded_for("self-calibration")?)?;
+        let machine = read_serve_section(MachineFile::built_in_for_method("self-calibration")?)?;
         let http =
             HttpConfig { listen: ([127, 0, 0, 1], 8137).into(), proxy_names: Vec::new(), requires_tokens: false };
         Ok(Self { machines: vec![machine], http_config: Some(http), retention_config: None })

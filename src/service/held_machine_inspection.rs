@@ -2,7 +2,7 @@
 //! start), or another process has ended the run.
 
 use super::ServeError;
-use super::last_run::{last_run, unfinished_run};
+use super::last_run::{last_run, last_run_awaiting_inspection};
 use super::machine_state::{Refusal, ServiceState};
 use super::worker::MachineWorker;
 use super::worker_command::InspectionReport;
@@ -12,7 +12,7 @@ use machine::record::event::RunEvent;
 impl MachineWorker {
     /// Acts on the report of a person who has inspected the machine. A new cycle may then start; the held run is not
     /// resumed.
-    pub(super) async fn handle_inspection_report(&mut self, report: InspectionReport, journal: &Journal) {
+    pub(super) async fn handle_acknowledgement(&mut self, report: InspectionReport, journal: &Journal) {
         let (why, cause) = match self.acknowledge_held_run(&report, journal).await {
             Ok(None) => {
                 self.gate.update_machine_state(|machine_state| machine_state.failure = None);
@@ -44,15 +44,15 @@ impl MachineWorker {
             None => self.machine_lock = Some(self.acquire_lock(journal).await?),
             Some(_) => self.queue_unidentified_runs(journal)?,
         }
-        let Some(unfinished_run) = unfinished_run(journal, self.machine_name())? else { return Ok(None) };
-        if unfinished_run.may_have_lost_position && !homed {
+        let Some(held_run) = last_run_awaiting_inspection(journal, self.machine_name())? else { return Ok(None) };
+        if held_run.may_have_lost_position && !homed {
             return Ok(Some(Refusal::PositionLost));
         }
         let homed = if *homed { ", all axes are homed" } else { "" };
         let why = if why.is_empty() { String::new() } else { format!(" ({why})") };
         let what = format!("the run stays unfinished{homed}; new cycles may start{why}");
         let event = RunEvent::Acknowledged { who: who.clone(), what, leaves: true };
-        journal.add_event(unfinished_run.run, &event).await?;
+        journal.add_event(held_run.run, &event).await?;
         Ok(None)
     }
 
@@ -78,7 +78,7 @@ impl MachineWorker {
     async fn reload_run_state(&mut self, journal: &Journal) {
         // If another process has acquired the lock meanwhile, the next call detects it.
         let Ok(lock) = self.acquire_lock(journal).await else { return };
-        match unfinished_run(journal, self.machine_name()) {
+        match last_run_awaiting_inspection(journal, self.machine_name()) {
             Ok(None) => {
                 self.machine_lock = Some(lock);
                 if self.gate.set_state_if_idle(ServiceState::Waiting) {
@@ -86,8 +86,8 @@ impl MachineWorker {
                     self.log.info("another program has completed or closed the run; a new cycle may start");
                 }
             }
-            Ok(Some(unfinished_run)) => {
-                self.gate.update_machine_state(|machine_state| machine_state.failure = Some(unfinished_run.failure))
+            Ok(Some(held_run)) => {
+                self.gate.update_machine_state(|machine_state| machine_state.failure = Some(held_run.failure))
             }
             Err(error) => self.log.error(&error.to_string()),
         }

@@ -75,7 +75,7 @@ fn publish_identification(gate: &CommandGate, log: &Log, run: RunId, stored: Res
         Ok(estimate) => {
             gate.update_machine_state(|machine_state| {
                 machine_state.count_outcome(CycleOutcome::Judged(estimate.verdict));
-                machine_state.identified_run_count = machine_state.identified_run_count.wrapping_add(1)
+                machine_state.idle_identification_count = machine_state.idle_identification_count.wrapping_add(1)
             });
             log.info(&format!("run {run} is identified, verdict {}", estimate.verdict));
         }

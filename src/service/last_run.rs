@@ -5,7 +5,7 @@ use crate::archive::run_story::{describe_run_end, is_abandoned, may_have_lost_po
 use crate::store::{Journal, RunFilter, RunId, RunSummary, StoreError};
 
 /// An unfinished run that waits for a person.
-pub struct UnfinishedRun {
+pub struct RunAwaitingInspection {
     pub run: RunId,
     /// Whether the axes must be homed first; a physical button cannot confirm that.
     pub may_have_lost_position: bool,
@@ -19,7 +19,10 @@ pub fn last_run(journal: &Journal, machine: &str) -> Result<Option<RunSummary>, 
 }
 
 /// The last run of `machine`, if it is unfinished and no person has acknowledged that it stays unfinished.
-pub fn unfinished_run(journal: &Journal, machine: &str) -> Result<Option<UnfinishedRun>, StoreError> {
+pub fn last_run_awaiting_inspection(
+    journal: &Journal,
+    machine: &str,
+) -> Result<Option<RunAwaitingInspection>, StoreError> {
     let Some(last) = last_run(journal, machine)?.filter(|run| run.state.is_resumable()) else {
         return Ok(None);
     };
@@ -29,7 +32,7 @@ pub fn unfinished_run(journal: &Journal, machine: &str) -> Result<Option<Unfinis
     }
     let (position_lost, what) = (may_have_lost_position(&stored), describe_run_end(&stored));
     let failure = RunFailure { what, remedy: Some("inspect the machine".to_owned()) };
-    Ok(Some(UnfinishedRun { run: last.id, may_have_lost_position: position_lost, failure }))
+    Ok(Some(RunAwaitingInspection { run: last.id, may_have_lost_position: position_lost, failure }))
 }
 
 #[cfg(test)]
@@ -49,10 +52,10 @@ mod tests {
         journal.set_state(run, RunState::Held).wait().unwrap();
         let waits = |event: RunEvent| {
             journal.add_event(run, &event).wait().unwrap();
-            unfinished_run(&journal, "mill").unwrap().map(|before| before.may_have_lost_position)
+            last_run_awaiting_inspection(&journal, "mill").unwrap().map(|before| before.may_have_lost_position)
         };
         let word = |leaves| RunEvent::Acknowledged { who: "Ada".to_owned(), what: "seen".to_owned(), leaves };
-        let said = || RunEvent::Announced { text: "as ever".to_owned() };
+        let said = || RunEvent::OperatorMessage { text: "as ever".to_owned() };
         assert_eq!(waits(RunEvent::Held { reason: "a stop".to_owned() }), Some(false));
         assert_eq!(waits(word(false)), Some(false));
         assert_eq!(waits(said()), Some(false));

@@ -181,7 +181,7 @@ pub struct MachineState {
     pub refusal_count: u16,
     pub last_refusal: Option<Refusal>,
     /// Runs that were identified while the machine waited; the counter wraps around.
-    pub identified_run_count: u16,
+    pub idle_identification_count: u16,
     pub estimated_parameters: Vec<Parameter>,
     /// Current stage and step of the run; empty while no run is in progress.
     pub stage_name: String,

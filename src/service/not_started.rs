@@ -18,7 +18,7 @@ pub enum NotStartedReason {
     #[error("the clock was set back to before the arming by {who}")]
     ClockSetBack { who: String },
     #[error("not ready: no current report of {inputs}")]
-    InputsNotReported { inputs: String },
+    NoCurrentInputReport { inputs: String },
     #[error("not ready: {0}")]
     GateWouldRefuse(Refusal),
     #[error("not ready: {condition}")]

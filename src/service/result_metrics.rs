@@ -58,7 +58,7 @@ impl BaseUnit {
     }
 
     /// Base unit of `unit`, and the number of `unit` in one base unit: 1e6 µm are 1 m.
-    fn of(unit: Unit) -> (Self, f64) {
+    fn with_units_per_base_unit(unit: Unit) -> (Self, f64) {
         match unit {
             Unit::Um => (Self::Meters, 1e6),
             Unit::Mm => (Self::Meters, 1e3),
@@ -158,7 +158,7 @@ impl ResultMetrics {
     }
 
     fn add_parameter(&self, labels: &MetricLabels<3>, parameter: &Parameter) {
-        let (base_unit, units_per_base_unit) = BaseUnit::of(parameter.unit);
+        let (base_unit, units_per_base_unit) = BaseUnit::with_units_per_base_unit(parameter.unit);
         let gauges = &self.parameters_by_base_unit[base_unit as usize];
         if parameter.identifiable && parameter.value.is_finite() {
             gauges.values.get_or_create(labels).set(parameter.value / units_per_base_unit);

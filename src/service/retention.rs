@@ -8,7 +8,7 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 use serde::Deserialize;
 
-use super::captures::CaptureFiles;
+use super::captures::CaptureFileNamer;
 use super::command_gate::CommandGate;
 use super::key_range::check_key_range;
 use super::machine_state::ServiceState;
@@ -50,7 +50,7 @@ impl TryFrom<RetentionKeys> for RetentionConfig {
 pub(super) fn start_retention(
     retention: RetentionConfig,
     journal: Arc<Journal>,
-    captures: Option<CaptureFiles>,
+    captures: Option<CaptureFileNamer>,
     gates: Vec<CommandGate>,
     log: &Log,
 ) -> Result<(), ServeError> {
@@ -74,7 +74,7 @@ pub(super) fn start_retention(
 fn remove_expired_samples(
     RetentionConfig { keep_samples_days: keep_days }: RetentionConfig,
     journal: &Journal,
-    captures: Option<&CaptureFiles>,
+    captures: Option<&CaptureFileNamer>,
     is_any_run_in_progress: &impl Fn() -> bool,
     log: &Log,
 ) -> Result<(), StoreError> {

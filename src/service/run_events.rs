@@ -30,7 +30,7 @@ impl<'a> RunEventPublisher<'a> {
     pub(super) fn publish_event(&mut self, event: &RunEvent) {
         self.gate.report_progress(self.max_event_interval);
         match event {
-            RunEvent::ControlPrepared { identity: text } | RunEvent::Announced { text } => self.log.info(text),
+            RunEvent::ControlPrepared { identity: text } | RunEvent::OperatorMessage { text } => self.log.info(text),
             RunEvent::StageStarted { stage } => {
                 self.log.info(&format!("{}: {} touches", stage.name, stage.steps.len()));
                 self.gate.update_machine_state(|machine_state| machine_state.stage_name.clone_from(&stage.name));
@@ -44,7 +44,7 @@ impl<'a> RunEventPublisher<'a> {
                     machine_state.step_label.clone_from(label);
                 });
             }
-            RunEvent::Asked { step, repeat, text } => {
+            RunEvent::PromptStarted { step, repeat, text } => {
                 self.log.info(&format!("prompt: {text}"));
                 let prompt = OpenPrompt { step_id: *step, repeat_number: *repeat, text: text.clone() };
                 self.gate.update_machine_state(|machine_state| {
@@ -54,7 +54,7 @@ impl<'a> RunEventPublisher<'a> {
             RunEvent::Watched { values } => {
                 self.gate.update_machine_state(|machine_state| machine_state.live_values = Some(values.clone()));
             }
-            RunEvent::Answered { who, .. } => self.log.info(&format!("prompt answered by {who}")),
+            RunEvent::PromptConfirmed { who, .. } => self.log.info(&format!("prompt answered by {who}")),
             RunEvent::ReadingStored { .. } | RunEvent::ScanStored { .. } => {
                 self.gate.update_machine_state(|machine_state| {
                     machine_state.measured_step_count += 1;

@@ -48,8 +48,10 @@ impl Readiness {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Agenda {
     pub planned: Vec<PlannedSchedule>,
-    pub armed: Vec<Arming>,
-    pub last: Vec<ScheduleSlot>,
+    #[serde(rename = "armed")]
+    pub last_armings: Vec<Arming>,
+    #[serde(rename = "last")]
+    pub newest_slots: Vec<ScheduleSlot>,
 }
 
 /// Collects the schedule data that the web page and the HTTP API show.
@@ -60,8 +62,8 @@ pub fn load_agenda(journal: &Journal, planned: Vec<PlannedSchedule>, machine: &s
     const MAX_LISTED_SLOTS: usize = 50;
     Ok(Agenda {
         planned,
-        armed: journal.last_arming_of_each_cycle(machine)?,
-        last: journal.newest_slots(machine, MAX_LISTED_SLOTS)?,
+        last_armings: journal.last_arming_of_each_cycle(machine)?,
+        newest_slots: journal.newest_slots(machine, MAX_LISTED_SLOTS)?,
     })
 }
 
@@ -97,7 +99,7 @@ pub fn new_arming(
         return Err(format!("{until} is more than a year away; an arming lasts at most a year"));
     }
     let [machine, who, why] = [machine, who, why].map(str::to_owned);
-    Ok(Arming { machine, cycle, who, why, armed: now, until, ended: None, broken: None })
+    Ok(Arming { machine, cycle, who, why, armed: now, until, ended: None, broken_by_run: None })
 }
 
 /// Command to start `cycle` now, because a client reports that the cycle is due. Result: `Ok` if the cycle starts,

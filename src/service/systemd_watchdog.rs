@@ -35,7 +35,7 @@ pub fn notify_ready_and_start_watchdog(machines: WatchedMachines, log: &Log) -> 
 fn watch_workers(watch: &mut WorkerWatch, feed_period: Option<Duration>, log: &Log) {
     let (mut last_feed, mut last_status) = (Instant::now(), String::new());
     loop {
-        let live = watch.hold_machines_of_late_workers(log);
+        let live = watch.hold_late_machines_and_check_all_live(log);
         if live && feed_period.is_some_and(|feed_period| last_feed.elapsed() >= feed_period) {
             last_feed = Instant::now();
             notify_systemd(&[Watchdog], log);
@@ -89,7 +89,7 @@ impl WorkerWatch {
 
     /// Logs each worker that no longer makes progress, and holds its machine: the hold reaches the control
     /// independently of the hung thread. Returns whether all workers make progress.
-    fn hold_machines_of_late_workers(&mut self, log: &Log) -> bool {
+    fn hold_late_machines_and_check_all_live(&mut self, log: &Log) -> bool {
         for ((name, gate), was_late) in self.machines.iter().zip(&mut self.was_late) {
             let is_late = gate.is_progress_late();
             if is_late && !*was_late {
@@ -125,15 +125,15 @@ mod tests {
         mill.update_machine_state(|machine_state| machine_state.state = ServiceState::Running);
         mill.register_halt_handle(&halt);
         machines.iter().for_each(|(_, gate)| gate.report_progress(LONG_TIMEOUT));
-        assert!(watch.hold_machines_of_late_workers(&log) && !halt.is_halt_requested());
+        assert!(watch.hold_late_machines_and_check_all_live(&log) && !halt.is_halt_requested());
         mill.report_progress(Duration::ZERO);
         sleep(Duration::from_millis(1));
         // The live worker of the other machine does not mask the hung one.
         machines[1].1.report_progress(LONG_TIMEOUT);
-        assert!(!watch.hold_machines_of_late_workers(&log) && halt.is_halt_requested());
-        assert!(!watch.hold_machines_of_late_workers(&log));
+        assert!(!watch.hold_late_machines_and_check_all_live(&log) && halt.is_halt_requested());
+        assert!(!watch.hold_late_machines_and_check_all_live(&log));
         mill.report_progress(LONG_TIMEOUT);
-        assert!(watch.hold_machines_of_late_workers(&log));
+        assert!(watch.hold_late_machines_and_check_all_live(&log));
     }
 
     #[test]

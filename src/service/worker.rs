@@ -10,13 +10,13 @@ use tokio::time::timeout;
 use tracing::field::Empty;
 use tracing::{Instrument, Span, info_span};
 
-use super::captures::{CaptureFiles, RunCapture};
+use super::captures::{CaptureFileNamer, RunCapture};
 use super::command_gate::CommandGate;
 use super::config::{CycleConfig, ServeConfig};
 use super::cycle_failure::CycleFailure;
 use super::http::ServedMachine;
 use super::identification_queue::IdentificationQueue;
-use super::last_run::unfinished_run;
+use super::last_run::last_run_awaiting_inspection;
 use super::machine_state::{CycleEnd, CycleOutcome, RunFailure, ServiceState};
 use super::run_events::RunEventPublisher;
 use super::worker_command::{InspectionReport, WorkerCommand};
@@ -42,7 +42,7 @@ pub(super) struct MachineWorker {
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
-    pub(super) capture_files: Option<CaptureFiles>,
+    pub(super) capture_files: Option<CaptureFileNamer>,
     /// The machine's lock; `None` while a person may resume the run from another process.
     pub(super) machine_lock: Option<MachineLock>,
     /// Identifications of runs that were measured before.
@@ -90,7 +90,7 @@ impl MachineWorker {
         self.rehearse_cycles().await?;
         self.update_artefact_condition();
         triggers::start_triggers(&self.config, &self.gate, &self.log)?;
-        match unfinished_run(journal, self.machine_name())? {
+        match last_run_awaiting_inspection(journal, self.machine_name())? {
             Some(before) => {
                 self.log.info(&format!("run {} is unfinished: a person must resume or acknowledge it", before.run));
                 self.machine_lock = None;
@@ -127,8 +127,8 @@ impl MachineWorker {
             let exit_state = match command {
                 _ if self.gate.is_ending() => break,
                 WorkerCommand::ShutDown => break,
-                WorkerCommand::ReportInspection(report) => {
-                    self.handle_inspection_report(report, journal).await;
+                WorkerCommand::Acknowledge(report) => {
+                    self.handle_acknowledgement(report, journal).await;
                     None
                 }
                 WorkerCommand::StartCycle { cycle } => {

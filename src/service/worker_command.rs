@@ -13,7 +13,7 @@ use crate::store::{Journal, MachineLock, RunId};
 #[derive(Debug)]
 pub enum WorkerCommand {
     StartCycle { cycle: u16 },
-    ReportInspection(InspectionReport),
+    Acknowledge(InspectionReport),
     ResumeRun { run: RunId, report: InspectionReport },
     Compensate(CompensationJob),
     ShutDown,

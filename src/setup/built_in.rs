@@ -15,7 +15,7 @@ pub struct BuiltInMachineFile {
 /// The machine file for the method `method_name`, or for the first method if the name is unknown.
 pub fn built_in_machine_file(method_name: &str) -> BuiltInMachineFile {
     let method = methods::method_description(method_name).or(methods::METHOD_DESCRIPTIONS.first());
-    let file = method.map_or("", |method| method.machine_file);
+    let file = method.map_or("", |method| method.default_machine_file);
     let text = CONFIG_FOLDER.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
     BuiltInMachineFile { file_name: format!("{file} (built in)"), text }
 }

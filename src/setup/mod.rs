@@ -39,7 +39,7 @@ pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFil
     check_method_name(method)?;
     let file = match path {
         Some(path) => MachineFile::read(path)?,
-        None => MachineFile::embedded_for(method)?,
+        None => MachineFile::built_in_for_method(method)?,
     };
     file.check_method_names(&methods::method_names())?;
     Ok(file)
@@ -55,7 +55,7 @@ pub fn configure_method_and_plan_without_steps(
     check_method_name(name)?;
     let mut method = file.read_method_section(name, |settings| methods::configure_method(name, settings))?;
     if let Some(repeat_count) = repeat_count {
-        if !methods::method_description(name).is_some_and(|description| description.has_passes) {
+        if !methods::method_description(name).is_some_and(|description| description.has_cycle_passes) {
             return Err(SetupError::RepeatsNotSupported { name: name.to_owned() });
         }
         let mut settings = method.settings();
@@ -84,7 +84,7 @@ pub fn plan_without_steps(file: &MachineFile, purpose: &str, settings: serde_jso
         solids: file.solids.clone(),
         artefact: file.artefact.clone(),
         priors: Vec::new(),
-        gaps_s: Vec::new(),
+        interruption_times_s: Vec::new(),
         assumed: file.assumed_keys.clone(),
         compensations_active: file.controller_section.compensations_active.clone(),
         report: file.report_data.clone(),

@@ -18,10 +18,10 @@ use machine::record::reading::ReadingFlag;
 use simulator::SensorOutput;
 use simulator::sensor_devices::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_tcp};
 
-/// A sensor entry; `reached` is the TOML table of its interface.
-fn parse_sensor_entry(name: &str, reached: &str) -> SensorEntry {
+/// A sensor entry; `interface_toml` is the TOML table of its interface.
+fn parse_sensor_entry(name: &str, interface_toml: &str) -> SensorEntry {
     let keys = "zero_mm = [0, 0, 0]\ndirection = [1, 0, 0]\nrange_mm = [-1, 1]\n";
-    toml::from_str(&format!("name = \"{name}\"\n{keys}{reached}")).unwrap()
+    toml::from_str(&format!("name = \"{name}\"\n{keys}{interface_toml}")).unwrap()
 }
 
 /// The sensor in `column` of lines such as `0.0123,-0.0040,17`.
@@ -31,7 +31,7 @@ fn line_column_sensor(name: &str, path: &str, column: usize) -> SensorEntry {
     parse_sensor_entry(name, &format!("[serial]\nserial = \"{path}\"\n[serial.line]\n{keys}{value}"))
 }
 
-fn build_sensors(entries: &[SensorEntry]) -> SensorOpener {
+fn new_sensor_opener(entries: &[SensorEntry]) -> SensorOpener {
     SensorOpener::new(entries, None, Arc::new(HostClock::start()), None)
 }
 
@@ -51,7 +51,7 @@ async fn two_sensors_read_their_columns_of_one_serial_port() {
             sleep(Duration::from_millis(2)).await;
         }
     });
-    let sensors = build_sensors(&[line_column_sensor("x1", &path, 1), line_column_sensor("y1", &path, 2)]);
+    let sensors = new_sensor_opener(&[line_column_sensor("x1", &path, 1), line_column_sensor("y1", &path, 2)]);
     let x1 = sensors.open("x1").await.unwrap();
     x1.prepare().await.unwrap();
     let y1 = sensors.open("y1").await.unwrap();
@@ -103,7 +103,7 @@ async fn two_queried_sensors_take_turns_on_one_port() {
         let line = "[serial.line]\nvalue = { scale_mm = 1.0 }\n";
         parse_sensor_entry(name, &format!("[serial]\nserial = \"{path}\"\nrequest = \"{request}\\r\"\n{line}"))
     };
-    let sensors = build_sensors(&[queried("x1", "M1"), queried("y1", "M2")]);
+    let sensors = new_sensor_opener(&[queried("x1", "M1"), queried("y1", "M2")]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
     let (of_x1, of_y1) = tokio::join!(x1.read_samples(50), y1.read_samples(50));
     assert_eq!(values_mm(&of_x1.unwrap()), [0.1; 50]);
@@ -144,7 +144,7 @@ async fn two_sensors_read_their_units_on_one_modbus_line() {
             }
         }
     });
-    let sensors = build_sensors(&[modbus_unit_sensor("x1", &path, 1), modbus_unit_sensor("y1", &path, 2)]);
+    let sensors = new_sensor_opener(&[modbus_unit_sensor("x1", &path, 1), modbus_unit_sensor("y1", &path, 2)]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
     let (of_x1, of_y1) = tokio::join!(x1.read_samples(40), y1.read_samples(40));
     let (of_x1, of_y1) = (of_x1.unwrap(), of_y1.unwrap());
@@ -160,7 +160,7 @@ async fn two_sensors_read_one_modbus_tcp_server_concurrently() {
     let distance = Box::new(|| SensorOutput::Distance(0.25));
     let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, distance, 200.0).unwrap();
     let reached = format!("[modbus]\n{}{DATA_SHEET_TOML}", at.to_toml());
-    let sensors = build_sensors(&[parse_sensor_entry("x1", &reached), parse_sensor_entry("y1", &reached)]);
+    let sensors = new_sensor_opener(&[parse_sensor_entry("x1", &reached), parse_sensor_entry("y1", &reached)]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
     let (of_x1, of_y1) = tokio::join!(x1.read_samples(10), y1.read_samples(10));
     for samples in [of_x1.unwrap(), of_y1.unwrap()] {
@@ -169,10 +169,10 @@ async fn two_sensors_read_one_modbus_tcp_server_concurrently() {
 }
 
 /// Result for a machine file whose sensors `a` and `b` have these two interface tables.
-fn parse_with_interfaces(of_a: &str, of_b: &str) -> Result<MachineFile, String> {
+fn parse_with_interfaces(interface_of_a: &str, interface_of_b: &str) -> Result<MachineFile, String> {
     let simulated = "simulated = { rate_hz = 1000.0 }";
     let text = include_str!("../../config/r-test.toml");
-    let text = text.replacen(simulated, of_a, 1).replacen(simulated, of_b, 1);
+    let text = text.replacen(simulated, interface_of_a, 1).replacen(simulated, interface_of_b, 1);
     MachineFile::parse("shop.toml", text).map_err(|error| error.to_string())
 }
 

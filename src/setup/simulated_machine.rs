@@ -65,7 +65,7 @@ impl<'a> SimulatedMachine<'a> {
         wire: FaultyWire,
         on_fault: fn(Duration, PlannedFault),
     ) -> Result<SimulatedControlServer, SetupError> {
-        Ok(self.control.serve_with_faults(self.simulation_setup(pace)?, wire, on_fault)?)
+        Ok(self.control.serve_with_faulty_wire(self.simulation_setup(pace)?, wire, on_fault)?)
     }
 
     /// Removes the probe from the spindle, as if a sensor replaced it.

@@ -58,7 +58,7 @@ impl TrueBalls {
     pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> NearestSurface {
         let far = NearestSurface::no_surface_within(f64::INFINITY);
         let relative_point = |ball: &TrueBall| point - ball.displacement_at(t_s);
-        let min_distance = |ball: &TrueBall| ball.distance_lower_bound(relative_point(ball));
+        let min_distance = |ball: &TrueBall| ball.ball_distance_lower_bound(relative_point(ball));
         // The ball with the smallest lower bound comes first: most other balls then need no oval iteration.
         let first = self.balls.iter().min_by(|a, b| min_distance(a).total_cmp(&min_distance(b)));
         let best = first.map_or(far, |ball| ball.nearer_surface(relative_point(ball), far));
@@ -84,7 +84,7 @@ impl TrueBall {
         let stem = has_stem.then_some(BallStem { direction: along, length_mm: length, radius_mm: radius });
         let ball_radius = stated.radius_mm + truth.radius_offset_mm + diameter_um * 0.5e-3;
         let form_matrix = draw_ball_oval(truth.seed, index) * (form_um * 1e-3);
-        let max_ball_radius = ball_radius + max_form_deviation(&form_matrix);
+        let max_ball_radius = ball_radius + form_deviation_bound(&form_matrix);
         Self {
             centre: Vector3::from(stated.centre_mm)
                 + truth.artefact_offset_mm()
@@ -100,7 +100,7 @@ impl TrueBall {
 
     fn is_valid(&self) -> bool {
         let centre = self.centre.iter().all(|coordinate| coordinate.is_finite());
-        centre && self.radius > max_form_deviation(&self.form_matrix) && self.radius.is_finite()
+        centre && self.radius > form_deviation_bound(&self.form_matrix) && self.radius.is_finite()
     }
 
     fn displacement_at(&self, t_s: f64) -> Vector3<f64> {
@@ -108,8 +108,8 @@ impl TrueBall {
     }
 
     /// Lower bound of the distance between `point` (table frame) and the ball.
-    fn distance_lower_bound(&self, point: Vector3<f64>) -> f64 {
-        (point - self.centre).norm() - self.radius - max_form_deviation(&self.form_matrix)
+    fn ball_distance_lower_bound(&self, point: Vector3<f64>) -> f64 {
+        (point - self.centre).norm() - self.radius - form_deviation_bound(&self.form_matrix)
     }
 
     /// Returns `best` or the surface of this ball with its stem, whichever is nearer to `point` (table frame).
@@ -118,7 +118,7 @@ impl TrueBall {
         if from_centre.norm() - self.enclosing_radius >= best.signed_distance {
             return best;
         }
-        let may_be_nearer = self.distance_lower_bound(point) < best.signed_distance;
+        let may_be_nearer = self.ball_distance_lower_bound(point) < best.signed_distance;
         let best = if may_be_nearer { best.or_nearer(self.nearest_ball_surface(from_centre)) } else { best };
         self.stem.map_or(best, |stem| best.or_nearer(stem.nearest(from_centre)))
     }
@@ -152,7 +152,7 @@ impl TrueBall {
 }
 
 /// Upper bound of the deviation of an oval from its mean radius, mm.
-fn max_form_deviation(form_matrix: &Matrix3<f64>) -> f64 {
+fn form_deviation_bound(form_matrix: &Matrix3<f64>) -> f64 {
     2.0 * form_matrix.abs().sum()
 }
 
@@ -203,8 +203,8 @@ fn move_balls_to_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Ba
 
 const MAX_CERTIFIED_LENGTH_ITERATIONS: usize = 1000;
 
-fn true_certified_length_mm(number: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
-    let draw = |part| draw_normal(truth.seed, RandomSource::CertifiedLengthError, &[number as u64, part]);
+fn true_certified_length_mm(length_index: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
+    let draw = |part| draw_normal(truth.seed, RandomSource::CertifiedLengthError, &[length_index as u64, part]);
     let temperature_rise_k = length.temperature_c.unwrap_or(REFERENCE_TEMPERATURE_C) - REFERENCE_TEMPERATURE_C
         + length.u_temperature_k * draw(1);
     let certified = length.mm + length.u_mm * draw(0);

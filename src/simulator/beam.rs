@@ -41,8 +41,13 @@ pub(super) struct Beam {
 }
 
 impl Beam {
-    /// `number`: index of the sensor in the machine file; it keys the random draws.
-    pub fn new(nominal: &Sensor, truth: SensorTruth, seed: u64, number: usize) -> Result<Self, SimulatedWorldError> {
+    /// `sensor_index`: index of the sensor in the machine file; it keys the random draws.
+    pub fn new(
+        nominal: &Sensor,
+        truth: SensorTruth,
+        seed: u64,
+        sensor_index: usize,
+    ) -> Result<Self, SimulatedWorldError> {
         let invalid = |key| Err(SimulatedWorldError::InvalidSensor { name: nominal.name.clone(), key });
         let zero = Vector3::from(nominal.zero_mm);
         let [least, greatest] = nominal.range_mm;
@@ -62,10 +67,10 @@ impl Beam {
             return invalid("noise_um, linearity_um or incidence_um");
         }
         truth.check_values()?;
-        let truth = with_drawn_incidence(truth, nominal, seed, number);
+        let truth = with_drawn_incidence(truth, nominal, seed, sensor_index);
         let across = transverse_directions(direction);
         let [lean_1, lean_2] = truth.tilt_urad.map(|urad| urad * 1e-6);
-        let drawn = || random_draws::draw_linearity_waves(seed, number, nominal.linearity_um, span);
+        let drawn = || random_draws::draw_linearity_waves(seed, sensor_index, nominal.linearity_um, span);
         Ok(Self {
             zero_point_mm: zero + Vector3::from(truth.zero_offset_um) * 1e-3,
             direction: (direction + across[0] * lean_1 + across[1] * lean_2).normalize(),
@@ -138,11 +143,11 @@ impl Beam {
 }
 
 /// Draws the declared incidence errors, unless the truth states values.
-fn with_drawn_incidence(truth: SensorTruth, nominal: &Sensor, seed: u64, number: usize) -> SensorTruth {
+fn with_drawn_incidence(truth: SensorTruth, nominal: &Sensor, seed: u64, sensor_index: usize) -> SensorTruth {
     if truth.incidence_um != 0.0 || truth.lean_um != [0.0; 2] {
         return truth;
     }
-    let key = |part| [number as u64, part];
+    let key = |part| [sensor_index as u64, part];
     let draw = |part| nominal.incidence_um * random_draws::draw_normal(seed, RandomSource::IncidenceError, &key(part));
     SensorTruth { incidence_um: draw(0), lean_um: [draw(1), draw(2)], ..truth }
 }

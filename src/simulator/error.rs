@@ -15,7 +15,7 @@ pub enum SimulatedWorldError {
     #[error(
         "[artefact]: the axis must not be zero, and height and radius must be positive; check also radius_offset_mm, form and roughness_um in [simulated]"
     )]
-    InvalidArtefact,
+    InvalidCylinder,
     #[error(
         "[artefact]: a datum cylinder needs an axis and at least one section, each section of positive radius; check also radius_offset_mm, form and section_form in [simulated] (sections are counted from 1)"
     )]
@@ -41,7 +41,7 @@ pub enum SimulatedWorldError {
     #[error(
         "[[simulated.thermometer]] `{name}`: no [[thermometer]] has this name, or `{name}` occurs twice; correct the name or remove the table"
     )]
-    UnknownThermometer { name: String },
+    UnknownOrDuplicateThermometer { name: String },
     #[error(
         "[[simulated.thermometer]] `{name}`: begins_c, warms_k and noise_k must be finite, and noise_k must not be negative"
     )]

@@ -169,7 +169,7 @@ impl SimulatedWorld {
         for n in probed_line_numbers {
             *self.probe_counts_by_line.entry(n).or_default() += 1;
         }
-        self.sensors.iter_mut().for_each(|sensor| sensor.advance_sample_count_to(self.simulated_time_s));
+        self.sensors.iter_mut().for_each(|sensor| sensor.advance_sample_index_to_time(self.simulated_time_s));
     }
 
     /// Simulated time since the world was created.
@@ -178,7 +178,7 @@ impl SimulatedWorld {
     }
 
     /// Axis positions as displayed by the control: linear axes in whole steps.
-    pub fn position(&self) -> Position {
+    pub fn displayed_position(&self) -> Position {
         self.rounded_to_resolution(&self.commanded_position)
     }
 
@@ -229,8 +229,8 @@ impl SimulatedWorld {
             return MoveResult { has_probe_closed: self.is_probe_closed(), ..MoveResult::default() };
         };
         let has_touched = self.probe_closes_on_path(&path);
-        let stylus_travel_left = |fraction| self.clearance_on_path(&path, fraction) + self.stylus_overtravel_mm;
-        let has_crashed = first_zero_crossing_fraction(stylus_travel_left, path.max_ball_travel_mm(), 0.0).is_some();
+        let stylus_travel_left = |fraction| self.stylus_clearance_on_path(&path, fraction) + self.stylus_overtravel_mm;
+        let has_crashed = first_zero_crossing_fraction(stylus_travel_left, path.max_stylus_travel_mm(), 0.0).is_some();
         let duration_s = path.velocity_profile().duration_s();
         self.finish_move(&path, 1.0, duration_s);
         MoveResult { has_probe_closed: has_touched, has_crashed, duration_s }
@@ -252,12 +252,13 @@ impl SimulatedWorld {
         let scan_phase = random_draws::draw_plc_scan_phase(self.seed, line_number, *occurrence);
         *occurrence += 1;
         let Some(path) = self.move_path_to(to, Speed::Feed { mm_min: feed_mm_min }) else {
-            let here = LatchedContact { latched_position: self.position(), latch_time_s: self.simulated_time_s };
+            let here =
+                LatchedContact { latched_position: self.displayed_position(), latch_time_s: self.simulated_time_s };
             return ProbeResult { contact: self.is_probe_closed().then_some(here), ..ProbeResult::default() };
         };
         let contact = first_zero_crossing_fraction(
             |fraction| self.trigger_distance_on_path(&path, fraction),
-            path.max_ball_travel_mm(),
+            path.max_stylus_travel_mm(),
             0.0,
         );
         match contact.filter(|_| self.true_wiring.probe_input_reacts_to_contact()) {
@@ -289,7 +290,7 @@ impl SimulatedWorld {
             latch_time_s: t_s,
         };
         let (rest, duration_s) = path.velocity_profile().rest_fraction_and_time_s(fraction);
-        let has_crashed = self.clearance_on_path(path, rest) < -self.stylus_overtravel_mm;
+        let has_crashed = self.stylus_clearance_on_path(path, rest) < -self.stylus_overtravel_mm;
         self.finish_move(path, rest, duration_s);
         ProbeResult { contact: Some(contact), has_crashed, duration_s }
     }
@@ -297,7 +298,7 @@ impl SimulatedWorld {
     /// Whether the probe closes during the move; if the move starts in contact, the probe must open first.
     fn probe_closes_on_path(&self, path: &MovePath) -> bool {
         let margin = |fraction| self.trigger_distance_on_path(path, fraction);
-        let max_slope_mm = path.max_ball_travel_mm();
+        let max_slope_mm = path.max_stylus_travel_mm();
         let open = if margin(0.0) > 0.0 {
             Some(0.0)
         } else {
@@ -310,10 +311,10 @@ impl SimulatedWorld {
 
     fn move_path_to(&self, to: &Position, speed: Speed) -> Option<MovePath> {
         let max_travel_ratio = self.true_wiring.max_true_travel_ratio();
-        let lever_arm = |axis, at: &Position| self.scene.max_ball_distance_from_axis(axis, at);
+        let lever_arm = |axis, at: &Position| self.scene.max_stylus_distance_from_axis(axis, at);
         let limits = MoveBounds {
             stated_axes: &self.stated_axes,
-            max_ball_distance_from_axis: &lever_arm,
+            max_stylus_distance_from_axis: &lever_arm,
             max_true_travel_ratio: max_travel_ratio,
         };
         MovePath::new(&self.commanded_position, to, speed, &self.lost_motion, &limits)
@@ -328,12 +329,12 @@ impl SimulatedWorld {
         self.scene.trigger_distance(&axes, &command, t_s) + self.current_touch_scatter_mm
     }
 
-    fn clearance_on_path(&self, path: &MovePath, fraction: f64) -> f64 {
+    fn stylus_clearance_on_path(&self, path: &MovePath, fraction: f64) -> f64 {
         if self.is_probe_removed {
             return f64::MAX;
         }
         let (axes, command) = self.true_positions_with_and_without_lost_motion(path, fraction);
-        self.scene.clearance(
+        self.scene.stylus_clearance(
             &axes,
             &command,
             self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction),
@@ -352,10 +353,10 @@ impl SimulatedWorld {
         if !self.sensors.is_empty() {
             self.motion_history.record_move(self.simulated_time_s, path, fraction);
         }
-        self.set_stop_position(path, fraction, duration_s);
+        self.stop_at_path_fraction(path, fraction, duration_s);
     }
 
-    fn set_stop_position(&mut self, path: &MovePath, fraction: f64, duration_s: f64) {
+    fn stop_at_path_fraction(&mut self, path: &MovePath, fraction: f64, duration_s: f64) {
         self.commanded_position = path.command_at_fraction(fraction);
         self.lost_motion.update_actual_position(&self.commanded_position);
         self.simulated_time_s += duration_s;

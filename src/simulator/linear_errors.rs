@@ -52,7 +52,7 @@ impl RandomFunction {
     }
 
     /// The same function, tabulated within `reach` of zero, mm.
-    fn with_table_within(mut self, reach: f64) -> Self {
+    fn tabulated_within(mut self, reach: f64) -> Self {
         if !self.frequencies_and_phases.is_empty() {
             let half = (reach / self.knot_pitch_mm).ceil().min(Self::MAX_KNOTS_PER_SIDE) as i64;
             let knot = |i: i64| {
@@ -112,12 +112,12 @@ impl LinearErrors {
     }
 
     /// The same functions, tabulated within these distances of zero on X, Y and Z, mm.
-    pub fn with_table_within(self, reach: [f64; 3]) -> Self {
+    pub fn tabulated_within(self, reach: [f64; 3]) -> Self {
         let mut reach = reach.into_iter();
         Self {
             motions_by_axis_and_direction: self.motions_by_axis_and_direction.map(|along| {
                 let reach = reach.next().unwrap_or_default();
-                along.map(|function| function.with_table_within(reach))
+                along.map(|function| function.tabulated_within(reach))
             }),
             ..self
         }

@@ -15,7 +15,7 @@ pub(super) fn check_magnitudes(
         probe.ball_radius_mm,
         probe.repeatability_um.unwrap_or_default(),
         probe.lobing_um,
-        probe.stylus_offset_um,
+        probe.u_stylus_offset_um,
         probe.overtravel_mm,
         machine.drift_um_per_h,
         machine.squareness_urad,

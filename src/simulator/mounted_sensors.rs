@@ -13,7 +13,7 @@ pub(super) struct SimulatedSensor {
     mount: SensorMount,
     beam: Beam,
     clock: SampleClock,
-    sample_count: u64,
+    next_sample_index: u64,
 }
 
 /// Sampling times, by the sensor's own clock.
@@ -23,7 +23,7 @@ struct SampleClock {
     second_duration_s: f64,
     jitter_std_dev_s: f64,
     /// Delay of the last sample relative to the regular times of the sensor's clock (jitter), s.
-    last_sample_delay_s: f64,
+    last_jitter_s: f64,
     /// Latency: each output belongs to a moment this much earlier.
     latency_s: f64,
 }
@@ -32,26 +32,26 @@ impl SampleClock {
     fn new(truth: &SensorTruth) -> Self {
         let second_duration_s = 1.0 + truth.clock_slow_ppm * 1e-6;
         let (jitter_s, latency_s) = (truth.clock_jitter_us * 1e-6, truth.clock_late_ms * 1e-3);
-        Self { second_duration_s, jitter_std_dev_s: jitter_s, last_sample_delay_s: 0.0, latency_s }
+        Self { second_duration_s, jitter_std_dev_s: jitter_s, last_jitter_s: 0.0, latency_s }
     }
 
     /// True time until the sample that comes `after_s` later by the sensor's clock. The jitter of one sample
     /// does not shift the next one.
     fn time_until_sample_s(&mut self, after_s: f64, deviate: f64) -> f64 {
-        let before = std::mem::replace(&mut self.last_sample_delay_s, self.jitter_std_dev_s * deviate);
-        after_s * self.second_duration_s + self.last_sample_delay_s - before
+        let before = std::mem::replace(&mut self.last_jitter_s, self.jitter_std_dev_s * deviate);
+        after_s * self.second_duration_s + self.last_jitter_s - before
     }
 }
 
 impl SimulatedSensor {
     /// Advances the sample index to the time `t_s`, so that no noise value repeats.
-    pub fn advance_sample_count_to(&mut self, t_s: f64) {
-        self.sample_count = self.sample_count.max((t_s * ASSUMED_MAX_SAMPLE_RATE_HZ) as u64);
+    pub fn advance_sample_index_to_time(&mut self, t_s: f64) {
+        self.next_sample_index = self.next_sample_index.max((t_s * SAMPLE_INDEX_RATE_HZ) as u64);
     }
 }
 
 /// Rate at which the sample index advances with world time. Assumption: no sensor samples faster.
-const ASSUMED_MAX_SAMPLE_RATE_HZ: f64 = 1e6;
+const SAMPLE_INDEX_RATE_HZ: f64 = 1e6;
 
 impl SimulatedWorld {
     /// Adds these sensors, each with the errors of its `[[simulated.sensor]]`; a sensor without such a table is
@@ -76,7 +76,7 @@ impl SimulatedWorld {
             }
             let clock = SampleClock::new(&truth);
             let beam = Beam::new(sensor, truth, self.seed, number)?;
-            Ok(SimulatedSensor { name: sensor.name.clone(), mount: sensor.mount, beam, clock, sample_count: 0 })
+            Ok(SimulatedSensor { name: sensor.name.clone(), mount: sensor.mount, beam, clock, next_sample_index: 0 })
         };
         self.sensors = sensors.iter().enumerate().map(sensor).collect::<Result<_, _>>()?;
         Ok(self)
@@ -99,7 +99,7 @@ impl SimulatedWorld {
     /// True time until the sample that comes `after_s` later by the sensor's clock. `None`: there is no such sensor.
     pub(super) fn time_to_next_sample_s(&mut self, sensor_index: usize, after_s: f64) -> Option<f64> {
         let sensor = self.sensors.get_mut(sensor_index)?;
-        let key = [sensor_index as u64, sensor.sample_count];
+        let key = [sensor_index as u64, sensor.next_sample_index];
         let deviate = draw_normal(self.seed, RandomSource::SampleJitter, &key);
         Some(sensor.clock.time_until_sample_s(after_s, deviate))
     }
@@ -118,9 +118,9 @@ impl SimulatedWorld {
             SensorMount::Spindle => self.scene.view_from_spindle(&axes, &command, measured_s),
         };
         let sensor = self.sensors.get_mut(sensor_index)?;
-        let key = [sensor_index as u64, sensor.sample_count];
+        let key = [sensor_index as u64, sensor.next_sample_index];
         let deviate = draw_normal(self.seed, RandomSource::SampleNoise, &key);
-        sensor.sample_count += 1;
+        sensor.next_sample_index += 1;
         Some(sensor.beam.output(&view, deviate))
     }
 }

@@ -42,15 +42,15 @@ impl SimulatedOperator {
     }
 
     /// Moves an axis by hand, mm or degrees.
-    pub fn move_axis_by_hand(&self, axis: Axis, by: f64) {
+    pub fn move_axis_by_hand(&self, axis: Axis, by_mm_or_deg: f64) {
         let mut world = self.lock_world();
-        let to = world.position().get_or_zero(axis) + axis.to_mm_or_rad(by);
+        let to = world.displayed_position().get_or_zero(axis) + axis.to_mm_or_rad(by_mm_or_deg);
         world.travel(&Position::new().with(axis, to), Speed::Rapid);
     }
 
     /// Whether the display agrees with the position that the control reports.
     fn compare_display(&self, reported: &Position) -> OperatorAnswer {
-        let displayed = self.lock_world().position();
+        let displayed = self.lock_world().displayed_position();
         let differs =
             |(axis, at): (Axis, f64)| axis.to_mm_or_deg(at - displayed.get_or_zero(axis)).abs() > MIN_VISIBLE_MOTION;
         if reported.iter().any(differs) { OperatorAnswer::No } else { OperatorAnswer::Yes }
@@ -65,7 +65,7 @@ impl SimulatedOperator {
         let freed_distance = |direction: &AxisDirection| {
             let (axis, mut trial) = (direction.axis, world.clone());
             let by = if direction.is_positive { VISUAL_DISTANCE_RESOLUTION } else { -VISUAL_DISTANCE_RESOLUTION };
-            trial.travel(&Position::new().with(axis, trial.position().get_or_zero(axis) + by), Speed::Rapid);
+            trial.travel(&Position::new().with(axis, trial.displayed_position().get_or_zero(axis) + by), Speed::Rapid);
             trial.trigger_distance()
         };
         let directions = Axis::LINEAR

@@ -154,7 +154,7 @@ impl ProbeLobing {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ThermalDrift {
     initial_table_velocity_mm_per_s: Vector3<f64>,
-    initial_radius_growth_mm_per_s: f64,
+    initial_artefact_radius_growth_mm_per_s: f64,
 }
 
 /// Time constant of the warm-up of the machine, s.
@@ -170,7 +170,7 @@ impl ThermalDrift {
         let sigma = sigma_um_per_h * 1e-3 / 3600.0;
         let draw = |part| sigma * draw_normal(seed, RandomSource::DriftRate, &[part]);
         let table_mm_per_s = Vector3::new(draw(0), draw(1), draw(3));
-        Self { initial_table_velocity_mm_per_s: table_mm_per_s, initial_radius_growth_mm_per_s: draw(2) }
+        Self { initial_table_velocity_mm_per_s: table_mm_per_s, initial_artefact_radius_growth_mm_per_s: draw(2) }
     }
 
     /// Displacement of the table, machine frame, mm.
@@ -179,8 +179,8 @@ impl ThermalDrift {
     }
 
     /// Growth of the artefact's radius, mm.
-    pub fn radius_growth_mm(&self, t_s: f64) -> f64 {
-        self.initial_radius_growth_mm_per_s * Self::equivalent_time_at_initial_rate_s(t_s)
+    pub fn artefact_radius_growth_mm(&self, t_s: f64) -> f64 {
+        self.initial_artefact_radius_growth_mm_per_s * Self::equivalent_time_at_initial_rate_s(t_s)
     }
 
     /// Time for which the initial rate gives the same change, s: the machine approaches thermal equilibrium.

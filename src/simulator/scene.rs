@@ -54,7 +54,7 @@ impl TrueScene {
         errors.iter().try_for_each(|term| chain.check_parameter_axis(term.parameter))?;
         let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
         let motions = linear_axis_sigmas_and_lengths(machine, |spec| spec.error_motion_um * 1e-3);
-        let linear_errors = LinearErrors::draw(seed, motions).with_table_within(Axis::LINEAR.map(travel));
+        let linear_errors = LinearErrors::draw(seed, motions).tabulated_within(Axis::LINEAR.map(travel));
         let linear_errors = linear_errors.with_squareness_errors(seed, machine.squareness_urad * 1e-6);
         let rotations = linear_axis_sigmas_and_lengths(machine, |spec| spec.angular_motion_urad * 1e-6);
         let stated_stylus = Vector3::from(machine.tool_mm);
@@ -68,7 +68,7 @@ impl TrueScene {
             stated_stylus_centre: stated_stylus,
             true_stylus_centre: stated_stylus
                 + Vector3::from(truth.tool_offset_um) * 1e-3
-                + random_draws::draw_stylus_offset(seed, probe.stylus_offset_um * 1e-3),
+                + random_draws::draw_stylus_offset(seed, probe.u_stylus_offset_um * 1e-3),
             stylus_ball_radius: probe.ball_radius_mm,
             lobing: ProbeLobing::draw(seed, probe.lobing_um * 1e-3, &probe.lobing_orders),
             surface: ArtefactSurface::new(artefact, truth)?,
@@ -90,7 +90,7 @@ impl TrueScene {
 
     /// Distance between ball and surface (negative: overlap), mm. `axes`: true axis positions, backlash
     /// included; `command`: commanded positions.
-    pub fn clearance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
+    pub fn stylus_clearance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
         self.clearance_and_normal(axes, command, t_s).0
     }
 
@@ -102,7 +102,7 @@ impl TrueScene {
 
     /// Upper bound of the distance of the stylus ball from the axis `axis` (its travel per radian), with the linear
     /// axes at `position`.
-    pub fn max_ball_distance_from_axis(&self, axis: Axis, position: &Position) -> f64 {
+    pub fn max_stylus_distance_from_axis(&self, axis: Axis, position: &Position) -> f64 {
         if axis == Axis::S {
             return self.true_stylus_centre.x.hypot(self.true_stylus_centre.y);
         }
@@ -117,7 +117,7 @@ impl TrueScene {
         (nearest.signed_distance - self.stylus_ball_radius, pose.table_to_carrier_direction(nearest.outward_normal))
     }
 
-    /// The scene as seen from the spindle; `axes` and `command` as for [`TrueScene::clearance`].
+    /// The scene as seen from the spindle; `axes` and `command` as for [`TrueScene::stylus_clearance`].
     pub fn view_from_spindle(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
         let errors = self.error_terms_at(axes, Some(t_s));
         let spindle = self.chain.machine_from_spindle(axes, &errors);
@@ -153,7 +153,7 @@ impl TrueScene {
         SensorView {
             carrier_and_table: pose,
             measured_object: target,
-            radius_growth_mm: self.drift.radius_growth_mm(t_s),
+            radius_growth_mm: self.drift.artefact_radius_growth_mm(t_s),
             world_time_s: t_s,
         }
     }

@@ -43,7 +43,7 @@ impl LostMotion {
 /// Bounds of a move: the speeds of the axes, and the largest distance of the stylus ball from a rotary axis.
 pub(super) struct MoveBounds<'a> {
     pub stated_axes: &'a BTreeMap<Axis, StatedAxis>,
-    pub max_ball_distance_from_axis: &'a dyn Fn(Axis, &Position) -> f64,
+    pub max_stylus_distance_from_axis: &'a dyn Fn(Axis, &Position) -> f64,
     /// Largest ratio of true to commanded travel.
     pub max_true_travel_ratio: f64,
 }
@@ -56,7 +56,7 @@ pub(super) struct MovePath {
     /// Target of the axes that move.
     target: Position,
     velocity_profile: VelocityProfile,
-    max_ball_travel_mm: f64,
+    max_stylus_travel_mm: f64,
     lost_motion: LostMotion,
 }
 
@@ -79,14 +79,14 @@ impl MovePath {
         }
         let ramp = velocity_profile_of_move(&span, speed, limits.stated_axes);
         let max_ball_travel_mm =
-            max_ball_travel_mm(from, &span, limits.max_ball_distance_from_axis) * limits.max_true_travel_ratio;
+            max_stylus_travel_mm(from, &span, limits.max_stylus_distance_from_axis) * limits.max_true_travel_ratio;
         let to = to.filter_axes(|axis| span.get(axis).is_some());
         Some(Self {
             from: from.clone(),
             travel_by_axis: span,
             target: to,
             velocity_profile: ramp,
-            max_ball_travel_mm,
+            max_stylus_travel_mm: max_ball_travel_mm,
             lost_motion: lost_motion.clone(),
         })
     }
@@ -96,8 +96,8 @@ impl MovePath {
     }
 
     /// Upper bound of the ball's travel over the whole path, mm.
-    pub fn max_ball_travel_mm(&self) -> f64 {
-        self.max_ball_travel_mm
+    pub fn max_stylus_travel_mm(&self) -> f64 {
+        self.max_stylus_travel_mm
     }
 
     /// Commanded position at the path fraction; exactly the target at the end.
@@ -147,7 +147,7 @@ fn feed_path_length(span: &Position) -> f64 {
     if linear > 0.0 { linear } else { length(false) }
 }
 
-fn max_ball_travel_mm(from: &Position, span: &Position, lever_arm: &dyn Fn(Axis, &Position) -> f64) -> f64 {
+fn max_stylus_travel_mm(from: &Position, span: &Position, lever_arm: &dyn Fn(Axis, &Position) -> f64) -> f64 {
     let linear: f64 = span.iter().filter(|(a, _)| a.is_linear()).map(|(_, t)| t * t).sum::<f64>().sqrt();
     let turns: f64 = span
         .iter()

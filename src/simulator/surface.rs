@@ -80,8 +80,8 @@ fn true_cylinder(cylinder: &Cylinder, truth: &MachineTruth) -> Result<TrueCylind
     let is_valid = is_finite && direction.norm() > 0.0 && cylinder.height_mm > 0.0;
     // This also rejects NaN, because every comparison with NaN is false.
     if !(is_valid && profile.min_radius_bound() > 0.0) {
-        return Err(SimulatedWorldError::InvalidArtefact);
+        return Err(SimulatedWorldError::InvalidCylinder);
     }
-    let foot = Vector3::from(cylinder.centre_mm) + truth.artefact_offset_mm();
+    let foot = Vector3::from(cylinder.foot_mm) + truth.artefact_offset_mm();
     Ok(TrueCylinder::new(foot, direction, cylinder.height_mm, profile))
 }

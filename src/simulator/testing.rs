@@ -42,7 +42,7 @@ impl SimulatedWorld {
         let number = self.sensor_index(name)?;
         let position = match self.motion_history.path_and_fraction_at(t_s) {
             Some((path, along)) => self.rounded_to_resolution(&path.command_at_fraction(along)),
-            None => self.position(),
+            None => self.displayed_position(),
         };
         Some(SampleInMotion {
             displayed_position: position,
@@ -68,7 +68,7 @@ impl SimulatedWorld {
             let Some(sample) = self.sample_at(name, t_s) else { break };
             samples.push(sample);
         }
-        self.set_stop_position(&path, 1.0, lasts_s);
+        self.stop_at_path_fraction(&path, 1.0, lasts_s);
         samples
     }
 }

@@ -54,7 +54,7 @@ impl SimulatedWorld {
         let count = |name: &str| stated.iter().filter(|stated| stated.name == name).count();
         for ThermometerTruth { name, .. } in &stated {
             if !names.contains(&name.as_str()) || count(name) > 1 {
-                return Err(SimulatedWorldError::UnknownThermometer { name: name.clone() });
+                return Err(SimulatedWorldError::UnknownOrDuplicateThermometer { name: name.clone() });
             }
         }
         if let Some(invalid) = stated.iter().find(|stated| !stated.is_valid()) {

@@ -29,7 +29,7 @@ pub(super) struct TrueDatumCylinder {
     /// Number of mountings after the first.
     remounting_count: u32,
     turn_deg: f64,
-    mounted_pose: MountedDatumCylinder,
+    mounted_cylinder: MountedDatumCylinder,
 }
 
 #[derive(Debug, Clone)]
@@ -64,7 +64,7 @@ impl TrueDatumCylinder {
         if !is_valid {
             return Err(SimulatedWorldError::InvalidDatumCylinder);
         }
-        let foot = Vector3::from(stated.centre_mm) + truth.artefact_offset_mm();
+        let foot = Vector3::from(stated.foot_mm) + truth.artefact_offset_mm();
         let tilt = own.tilt_urad.map(|urad| urad * 1e-6);
         let mut datum = Self {
             stated: stated.clone(),
@@ -76,13 +76,13 @@ impl TrueDatumCylinder {
             seed: truth.seed,
             remounting_count: 0,
             turn_deg: 0.0,
-            mounted_pose: MountedDatumCylinder {
+            mounted_cylinder: MountedDatumCylinder {
                 true_cross_sections: Vec::new(),
                 axis_foot: foot,
                 frame: Rotation3::identity(),
             },
         };
-        datum.mounted_pose = datum.compute_mounted_pose(0.0, [0.0; 2], datum.tilt_rad);
+        datum.mounted_cylinder = datum.compute_mounted_cylinder(0.0, [0.0; 2], datum.tilt_rad);
         Ok(datum)
     }
 
@@ -102,11 +102,11 @@ impl TrueDatumCylinder {
         let turn = (turn_deg + off_deg).to_radians() + index_error_urad * 1e-6 * draw(0);
         let shift = [1, 2].map(|part| eccentricity_um * 1e-3 * draw(part));
         let lean = [3, 4].map(|part| tilt_urad * 1e-6 * draw(part));
-        self.mounted_pose =
-            self.compute_mounted_pose(turn, shift, [self.tilt_rad[0] + lean[0], self.tilt_rad[1] + lean[1]]);
+        self.mounted_cylinder =
+            self.compute_mounted_cylinder(turn, shift, [self.tilt_rad[0] + lean[0], self.tilt_rad[1] + lean[1]]);
     }
 
-    fn compute_mounted_pose(&self, turn: f64, shift: [f64; 2], tilt: [f64; 2]) -> MountedDatumCylinder {
+    fn compute_mounted_cylinder(&self, turn: f64, shift: [f64; 2], tilt: [f64; 2]) -> MountedDatumCylinder {
         let axis = unit_vector(Vector3::from(self.stated.axis)).unwrap_or(Vector3::z());
         let axis = (axis + Vector3::new(tilt[0], tilt[1], 0.0)).normalize();
         let foot = self.first_mounting_axis_foot + Vector3::new(shift[0], shift[1], 0.0);
@@ -133,7 +133,7 @@ impl TrueDatumCylinder {
     /// Surface nearest to `point`, both in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> NearestSurface {
         let far = NearestSurface::no_surface_within(f64::INFINITY);
-        let MountedDatumCylinder { true_cross_sections: sections, axis_foot: foot, frame } = &self.mounted_pose;
+        let MountedDatumCylinder { true_cross_sections: sections, axis_foot: foot, frame } = &self.mounted_cylinder;
         let nearer = |best: NearestSurface, section: &TrueCylinder| {
             let is_farther = section.distance_lower_bound(point) > best.signed_distance;
             if is_farther { best } else { best.or_nearer(section.nearest(point, growth)) }

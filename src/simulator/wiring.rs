@@ -25,7 +25,8 @@ pub struct Wiring {
 #[serde(rename_all = "lowercase")]
 pub enum ProbeWiring {
     #[default]
-    Right,
+    #[serde(rename = "right")]
+    Correct,
     /// Closed where the probe is open, and open where it is closed.
     Inverted,
     /// Always open.
@@ -80,7 +81,7 @@ impl TrueWiring {
     /// Whether the probe input is closed, for the true state of the probe.
     pub fn is_probe_input_closed(&self, is_probe_closed: bool) -> bool {
         match self.probe_wiring() {
-            ProbeWiring::Right => is_probe_closed,
+            ProbeWiring::Correct => is_probe_closed,
             ProbeWiring::Inverted => !is_probe_closed,
             ProbeWiring::Dead => false,
             ProbeWiring::Stuck => true,
@@ -89,11 +90,11 @@ impl TrueWiring {
 
     /// Whether a contact changes the probe input.
     pub fn probe_input_reacts_to_contact(&self) -> bool {
-        matches!(self.probe_wiring(), ProbeWiring::Right | ProbeWiring::Inverted)
+        matches!(self.probe_wiring(), ProbeWiring::Correct | ProbeWiring::Inverted)
     }
 
     fn probe_wiring(&self) -> ProbeWiring {
-        self.wrong_wiring_and_origin.as_ref().map_or(ProbeWiring::Right, |(wiring, _)| wiring.probe)
+        self.wrong_wiring_and_origin.as_ref().map_or(ProbeWiring::Correct, |(wiring, _)| wiring.probe)
     }
 }
 
@@ -147,7 +148,7 @@ mod tests {
                 true_wiring.probe_input_reacts_to_contact(),
             )
         };
-        assert_eq!(input_states(ProbeWiring::Right), ([false, true], true));
+        assert_eq!(input_states(ProbeWiring::Correct), ([false, true], true));
         assert_eq!(input_states(ProbeWiring::Inverted), ([true, false], true));
         assert_eq!(input_states(ProbeWiring::Dead), ([false, false], false));
         assert_eq!(input_states(ProbeWiring::Stuck), ([true, true], false));

@@ -38,7 +38,7 @@ pub enum CertificateState {
     Valid,
     /// Valid, for at most 30 more days.
     #[serde(rename = "due_within_30_days")]
-    Due,
+    DueSoon,
     Expired,
 }
 
@@ -46,7 +46,7 @@ impl CertificateState {
     pub fn label(self) -> &'static str {
         match self {
             Self::Valid => "valid",
-            Self::Due => "due within 30 days",
+            Self::DueSoon => "due within 30 days",
             Self::Expired => "expired",
         }
     }
@@ -58,7 +58,7 @@ impl RegisteredArtefact {
         // The difference of two civil dates is in days.
         match (self.due - day).get_days() {
             ..0 => CertificateState::Expired,
-            0..=CALIBRATION_DUE_DAYS => CertificateState::Due,
+            0..=CALIBRATION_DUE_DAYS => CertificateState::DueSoon,
             _ => CertificateState::Valid,
         }
     }
@@ -188,7 +188,7 @@ impl ArtefactRegister {
     pub fn report_data_for_run(&self, stated: &ReportData, today: Date) -> Result<ReportData, ArtefactRegisterError> {
         let Some(artefact) = self.find_artefact(stated)? else { return Ok(stated.clone()) };
         match artefact.certificate_state(today) {
-            CertificateState::Valid | CertificateState::Due => Ok(with_certificate(stated, &artefact)),
+            CertificateState::Valid | CertificateState::DueSoon => Ok(with_certificate(stated, &artefact)),
             CertificateState::Expired => {
                 let RegisteredArtefact { name, certificate, due, .. } = artefact;
                 Err(ArtefactRegisterError::CertificateExpired { name, certificate, due })
@@ -239,13 +239,13 @@ mod tests {
 
     #[test]
     fn certificate_is_due_in_its_last_30_days_and_valid_on_its_last_day() {
-        use CertificateState::{Due, Expired, Valid};
+        use CertificateState::{DueSoon, Expired, Valid};
         let leap_day = cylinder(date(2028, 2, 29));
         let states = [
             (date(2027, 2, 28), Valid),
             (date(2028, 1, 29), Valid),
-            (date(2028, 1, 30), Due),
-            (date(2028, 2, 29), Due),
+            (date(2028, 1, 30), DueSoon),
+            (date(2028, 2, 29), DueSoon),
             (date(2028, 3, 1), Expired),
             (date(2029, 1, 1), Expired),
         ];

@@ -124,7 +124,7 @@ impl Journal {
         self.submit_job(move |connection| write::insert_event(connection, run, &event))
     }
 
-    /// Adds an estimate; earlier estimates of the run stay. Returns its [`super::sha256`].
+    /// Adds an estimate; earlier estimates of the run stay. Returns its [`super::sha256_of_json`].
     pub fn add_estimate(&self, run: RunId, estimate: &Estimate) -> AwaitableWrite<String> {
         let estimate = estimate.clone();
         self.submit_job(move |connection| write::insert_estimate(connection, run, &estimate))

@@ -80,12 +80,20 @@ pub enum RunState {
     /// The process of the run died; an operator must check the machine before anything else.
     Interrupted,
     /// Not resumable, because its references moved or were never measured; its readings stay.
-    Closed,
+    #[serde(rename = "closed")]
+    NotResumable,
 }
 
 impl RunState {
-    const ALL: [RunState; 7] =
-        [Self::Running, Self::Held, Self::NotIdentified, Self::Finished, Self::Failed, Self::Interrupted, Self::Closed];
+    const ALL: [RunState; 7] = [
+        Self::Running,
+        Self::Held,
+        Self::NotIdentified,
+        Self::Finished,
+        Self::Failed,
+        Self::Interrupted,
+        Self::NotResumable,
+    ];
 
     pub fn as_str(self) -> &'static str {
         match self {
@@ -95,7 +103,7 @@ impl RunState {
             Self::Finished => "finished",
             Self::Failed => "failed",
             Self::Interrupted => "interrupted",
-            Self::Closed => "closed",
+            Self::NotResumable => "closed",
         }
     }
 
@@ -130,7 +138,7 @@ pub struct RunSummary {
     pub state: RunState,
     pub program_version: String,
     pub config_sha256: String,
-    /// Hash of the plan so far, see [`sha256`].
+    /// Hash of the plan so far, see [`sha256_of_json`].
     pub plan_sha256: String,
     /// Name in the last signature of the run's last estimate.
     pub signed: Option<String>,
@@ -218,7 +226,7 @@ pub struct FinishedRunResult {
 ///
 /// # Errors
 /// `value` cannot be written as JSON.
-pub fn sha256(value: &impl Serialize) -> Result<String, serde_json::Error> {
+pub fn sha256_of_json(value: &impl Serialize) -> Result<String, serde_json::Error> {
     serde_json::to_string(value).map(|text| sha256_text(&text))
 }
 

@@ -173,7 +173,10 @@ pub(super) fn load_progress(connection: &mut Connection, run: RunId) -> Result<R
 
 /// The plan so far, with the interruptions so far.
 pub(super) fn load_plan(connection: &Connection, run: RunId) -> Result<Plan, StoreFault> {
-    Ok(Plan { gaps_s: interruption_times_s(connection, run)?, ..load_plan_without_interruptions(connection, run)? })
+    Ok(Plan {
+        interruption_times_s: interruption_times_s(connection, run)?,
+        ..load_plan_without_interruptions(connection, run)?
+    })
 }
 
 fn load_plan_without_interruptions(connection: &Connection, run: RunId) -> Result<Plan, StoreFault> {

@@ -12,10 +12,12 @@ use machine::record::reading::{Reading, ReadingFlag};
 #[derive(Serialize, Deserialize)]
 struct StoredSample {
     /// Positions of the axes.
-    at: [Option<f64>; Axis::ALL.len()],
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    mm: Option<f64>,
-    t: f64,
+    #[serde(rename = "at")]
+    positions_mm_or_rad: [Option<f64>; Axis::ALL.len()],
+    #[serde(rename = "mm", default, skip_serializing_if = "Option::is_none")]
+    value_mm: Option<f64>,
+    #[serde(rename = "t")]
+    t_s: f64,
     #[serde(default, skip_serializing_if = "is_none")]
     flag: ReadingFlag,
     /// Name of the sensor; absent if it is the sensor of the row.
@@ -58,11 +60,11 @@ pub(super) fn insert_scan(connection: &mut Connection, run: RunId, samples: &[Re
 pub(super) fn parse_samples(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_json::Error> {
     let kept: Vec<StoredSample> = serde_json::from_str(samples)?;
     let reading = |kept: StoredSample| {
-        let axes = Axis::ALL.into_iter().zip(kept.at);
+        let axes = Axis::ALL.into_iter().zip(kept.positions_mm_or_rad);
         Reading {
             position: axes.filter_map(|(axis, value)| Some((axis, value?))).collect(),
-            value_mm: kept.mm,
-            t_s: kept.t,
+            value_mm: kept.value_mm,
+            t_s: kept.t_s,
             flag: kept.flag,
             sensor: kept.sensor.unwrap_or_else(|| row.sensor.clone()),
             ..row.clone()
@@ -76,9 +78,9 @@ impl StoredSample {
     fn from_reading(sample: &Reading, first: &Reading) -> Self {
         Self {
             sensor: (sample.sensor != first.sensor).then(|| sample.sensor.clone()),
-            at: Axis::ALL.map(|axis| sample.position.get(axis)),
-            mm: sample.value_mm,
-            t: sample.t_s,
+            positions_mm_or_rad: Axis::ALL.map(|axis| sample.position.get(axis)),
+            value_mm: sample.value_mm,
+            t_s: sample.t_s,
             flag: sample.flag,
         }
     }

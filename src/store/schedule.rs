@@ -20,7 +20,8 @@ pub struct Arming {
     pub ended: Option<(Timestamp, String)>,
     /// First run of this machine that was held, failed or interrupted after the arming. An acknowledgement does not
     /// restore the arming.
-    pub broken: Option<RunId>,
+    #[serde(rename = "broken")]
+    pub broken_by_run: Option<RunId>,
 }
 
 /// Outcome of a slot.
@@ -207,13 +208,13 @@ fn select_last_armings(connection: &Connection, machine: &str) -> Result<Vec<Arm
             armed: columns::parse_text_column(row, 3)?,
             until: columns::parse_text_column(row, 4)?,
             ended,
-            broken: None,
+            broken_by_run: None,
         };
         Ok((arming, row.get::<_, i64>(7)?))
     })?;
     rows.map(|row| {
         let (arming, after) = row?;
-        Ok(Arming { broken: first_run_broken_after_event(connection, machine, after)?, ..arming })
+        Ok(Arming { broken_by_run: first_run_broken_after_event(connection, machine, after)?, ..arming })
     })
     .collect()
 }

@@ -11,7 +11,7 @@ use super::{RunId, StoreFault, columns};
 pub struct EstimateSignature {
     pub who: String,
     pub remark: String,
-    /// Hash of the signed estimate, see [`super::sha256`].
+    /// Hash of the signed estimate, see [`super::sha256_of_json`].
     pub estimate_sha256: String,
 }
 

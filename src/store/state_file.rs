@@ -1,7 +1,7 @@
 //! Small JSON files in the folder of the journal, which commands write and a running daemon reads.
 //!
-//! A file is replaced as a whole or not at all, under a lock. It belongs to the daemon's user, whichever user writes it,
-//! and only this user can read it.
+//! A file is replaced as a whole or not at all, under a lock. It belongs to the daemon's user, whichever user writes
+//! it, and only this user can read it.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};

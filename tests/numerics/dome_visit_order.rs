@@ -103,7 +103,7 @@ fn annealed_time_s((ways, planned): &(TravelTimeMatrix, TouchOrderByBall), rando
 #[test]
 #[ignore = "minutes of CPU, for the quality of an order and not for its safety"]
 fn annealing_finds_no_order_shorter_by_5_percent() {
-    let file = MachineFile::embedded_for("ball-dome").unwrap();
+    let file = MachineFile::built_in_for_method("ball-dome").unwrap();
     let (method, header) = setup::configure_method_and_plan_without_steps(&file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let slow = stages.iter().filter(|stage| stage.name.starts_with("measure"));

@@ -69,7 +69,7 @@ fn execute_in_world_for_contact(world: &mut SimulatedWorld, block: &MotionBlock)
 
 #[test]
 fn simulated_control_gives_the_same_contacts_as_the_world() {
-    let file = MachineFile::embedded_for("samba").unwrap();
+    let file = MachineFile::built_in_for_method("samba").unwrap();
     let mut world = setup::build_world(&file).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {

@@ -118,7 +118,7 @@ fn repeated_touches_do_not_depend_on_an_interruption() {
     let (method, header) = setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
     let (mut plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     for gap_s in [5.0, 20.0, 25.0] {
-        plan.gaps_s = vec![gap_s];
+        plan.interruption_times_s = vec![gap_s];
         let next = method.next_stage(&plan, &stages[..2], PositionSource::Nominal);
         let Ok(NextStage::Stage { stage, .. }) = next else { panic!("{gap_s} s: {next:?}") };
         assert_eq!(stage.steps, stages[2].steps, "{gap_s} s");
@@ -165,11 +165,12 @@ fn erroneous_measurement_is_named() {
             let mut measured = case.measure_in_world(seed);
             let sound = measured.estimate();
             let random = &mut seeded_stream(seed, &[0x6f66_6600]);
-            let checked: Vec<_> = sound.measurement_checks.iter().filter(|one| one.deviation_um.is_some()).collect();
+            let checked: Vec<_> =
+                sound.measurement_checks.iter().filter(|one| one.min_detectable_deviation_um.is_some()).collect();
             let one = checked[random.random_range(0..checked.len())];
             let mut component = || random.random_range(-1.0..1.0);
             let towards = Vector3::new(component(), component(), component());
-            let by = Unit::new_normalize(towards).into_inner() * one.deviation_um.unwrap() * 1e-3;
+            let by = Unit::new_normalize(towards).into_inner() * one.min_detectable_deviation_um.unwrap() * 1e-3;
             measured.displace_measurement(&one.label, by);
             let off = measured.estimate();
             let mut candidates = off.outliers.iter().flat_map(|outlier| &outlier.candidates);

@@ -285,7 +285,7 @@ fn backlash_that_is_not_declared_is_flagged() {
 /// Largest of the deviations of single touches that are detected with a probability of 95 %, as stated in the
 /// estimate.
 fn largest_detectable_outlier_mm(estimate: &Estimate) -> f64 {
-    let sizes = estimate.measurement_checks.iter().map(|one| one.deviation_um.unwrap());
+    let sizes = estimate.measurement_checks.iter().map(|one| one.min_detectable_deviation_um.unwrap());
     sizes.fold(0.0, f64::max) * 1e-3
 }
 

@@ -271,7 +271,7 @@ fn probe_map_agrees_if_the_ball_moves_in_an_interruption() {
     let (file, mut plan, mut readings) = measure_qualification_without_spindle_turns(&[], &three);
     let before = identify_readings(&file, &plan, &readings);
     let middle = readings[readings.len() / 2].t_s;
-    plan.gaps_s = vec![middle];
+    plan.interruption_times_s = vec![middle];
     for reading in readings.iter_mut().filter(|reading| reading.t_s > middle) {
         let moved = reading.position.xyz_or_zero() + Vector3::new(0.04, -0.03, 0.02);
         for (axis, value) in Axis::LINEAR.into_iter().zip(moved.iter()) {

@@ -169,7 +169,7 @@ fn two_interruptions_without_readings_between_add_one_step() {
     let turns = plan.steps.iter().find(|step| step.label == "turn/forward").unwrap().id;
     let begins_s = readings.iter().find(|reading| reading.step == turns).unwrap().t_s;
     // Both gaps are before the last measured turn.
-    plan.gaps_s = vec![begins_s - 0.2, begins_s - 0.1];
+    plan.interruption_times_s = vec![begins_s - 0.2, begins_s - 0.1];
     let stopped = method.identify(&plan, &readings).unwrap();
     assert_eq!(stopped.unknowns, plain.unknowns + 3);
     assert!(stopped.warnings.iter().any(|line| line.contains("interrupted")));

@@ -195,7 +195,7 @@ fn estimate_and_truth_of_interrupted_run(
         done.push(stage);
     }
     let last = world.time_s();
-    plan.gaps_s = vec![readings[readings.len() - 1].t_s];
+    plan.interruption_times_s = vec![readings[readings.len() - 1].t_s];
     let mut later = setup::build_world(&after).expect("a world");
     later.advance(last + INTERRUPTION_S, readings.iter().map(|reading| reading.step));
     let cycle = plan.steps[5..].to_vec();
@@ -212,11 +212,11 @@ fn estimate_and_truth_of_interrupted_run(
     // The middle of the measuring time, without the interruption.
     let (first, end) = (readings[5].t_s, readings[readings.len() - 1].t_s);
     let begun = readings[5 + touches_before_stop].t_s;
-    let middle = first + (end - first - (begun - plan.gaps_s[0])) / 2.0;
-    let [x, y] = if middle <= plan.gaps_s[0] {
+    let middle = first + (end - first - (begun - plan.interruption_times_s[0])) / 2.0;
+    let [x, y] = if middle <= plan.interruption_times_s[0] {
         world.true_rotary_axis_position_mm(Axis::C, 50.0, middle)
     } else {
-        later.true_rotary_axis_position_mm(Axis::C, 50.0, middle + begun - plan.gaps_s[0])
+        later.true_rotary_axis_position_mm(Axis::C, 50.0, middle + begun - plan.interruption_times_s[0])
     };
     (estimate, [x * 1e3, y * 1e3, 0.0, 0.0])
 }

@@ -100,7 +100,7 @@ fn hand_written_plan_is_read() {
     assert_eq!(plan.keepout[0].max_mm, [4.0, 5.0, 6.0]);
     let is_the_one = matches!(
         plan.artefact,
-        Artefact::Cylinder(Cylinder { centre_mm: [0.3, 0.1, 50.0], axis: [0.0, 0.0, 1.0], radius_mm: 45.0, .. })
+        Artefact::Cylinder(Cylinder { foot_mm: [0.3, 0.1, 50.0], axis: [0.0, 0.0, 1.0], radius_mm: 45.0, .. })
     );
     assert!(is_the_one, "{:?}", plan.artefact);
     let [step] = plan.steps.as_slice() else { panic!("{:?}", plan.steps) };
@@ -145,7 +145,7 @@ fn hand_written_estimate_is_read() {
     assert_eq!((estimate.rank, estimate.unknowns, estimate.condition), (26, 26, 21.88));
     assert_eq!((estimate.residual_rms_um, estimate.chi2_per_dof), (0.3, 1.1));
     assert_eq!((estimate.degrees_of_freedom, estimate.verdict), (5, Verdict::Undecided));
-    assert_eq!(estimate.priors, ["ba7816bf"]);
+    assert_eq!(estimate.prior_hashes, ["ba7816bf"]);
 
     let mut endless = self::contract_estimate_json();
     endless["parameters"][0]["dof"] = Value::Null;

@@ -94,7 +94,7 @@ fn long_timeouts() -> GrblTimeouts {
     GrblTimeouts {
         reply_timeout: ms(10_000),
         poll_interval: ms(5),
-        alarm_detail_timeout: ms(50),
+        follow_up_timeout: ms(50),
         stall_timeout: ms(60_000),
     }
 }

@@ -74,7 +74,7 @@ fn play_scan(world: &mut SimulatedWorld, step: &Step, scan: &Scan, repeat_number
                 for name in &step.sensors {
                     for _ in 0..samples {
                         let sensed = world.sample_after(name, 1e-3).expect("a sensor");
-                        readings.push(reading(name, world.position(), world.time_s(), sensed));
+                        readings.push(reading(name, world.displayed_position(), world.time_s(), sensed));
                     }
                 }
             }

@@ -14,7 +14,7 @@ const COARSEST_CLOCK_RESOLUTION_S: f64 = 1.0;
 /// Checks the times of a control's clock since the last preparation.
 #[derive(Debug, Default)]
 pub(in crate::controllers) struct ControlClock {
-    last_s: Option<f64>,
+    last_accepted_time_s: Option<f64>,
 }
 
 impl ControlClock {
@@ -27,8 +27,8 @@ impl ControlClock {
         contact: ControlTimestamp,
         now: ControlTimestamp,
     ) -> Result<Option<f64>, ControllerError> {
-        contact.check_plausible_after(self.last_s)?;
-        now.check_plausible_after(self.last_s)?;
+        contact.check_plausible_after(self.last_accepted_time_s)?;
+        now.check_plausible_after(self.last_accepted_time_s)?;
         if let (Some(contact_s), Some(now_s)) = (contact.t_s, now.t_s)
             && contact_s > now_s + COARSEST_CLOCK_RESOLUTION_S
         {
@@ -36,7 +36,7 @@ impl ControlClock {
                 contact.invalid_timestamp_error(contact_s, format!("later than the clock of the control, {now_s:?} s"))
             );
         }
-        self.last_s = now.t_s.or(contact.t_s).or(self.last_s);
+        self.last_accepted_time_s = now.t_s.or(contact.t_s).or(self.last_accepted_time_s);
         Ok(contact.t_s.or(now.t_s))
     }
 }

@@ -17,7 +17,7 @@ pub struct DeviceInfo {
     /// Remarks on settings and states that prevent a measurement or that the operator must know.
     pub findings: Vec<ReadinessFinding>,
     /// How the operator inverts the probe input at the control, if the control supports it.
-    pub probe_polarity_hint: Option<String>,
+    pub probe_inversion_hint: Option<String>,
 }
 
 /// Properties of one axis as the control reports them, in the units of
@@ -56,7 +56,7 @@ impl ReadinessFinding {
         Self { is_blocking: true, description: description.into(), remedy: remedy.to_owned() }
     }
 
-    pub(in crate::controllers) fn note(description: impl Into<String>, remedy: &str) -> Self {
+    pub(in crate::controllers) fn non_blocking(description: impl Into<String>, remedy: &str) -> Self {
         Self { is_blocking: false, ..Self::blocking(description, remedy) }
     }
 }
@@ -65,10 +65,10 @@ impl ReadinessFinding {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DiagnosisMode {
     /// Search only with the settings of the machine file.
-    Passive,
+    ConfiguredSettings,
     /// Search also at other baud rates, in the protocols of other controls, under other unit numbers. None of these
     /// requests is a command in its own protocol; their effect on another device is unknown.
-    Active,
+    OtherSettings,
 }
 
 /// Request to find the reason why the control of `machine` could not be opened or prepared.
@@ -85,7 +85,7 @@ pub struct PossibleCause {
     /// Whether the cause was observed; otherwise it is suspected.
     pub is_observed: bool,
     /// Whether a search with other settings could find out more.
-    pub needs_active_search: bool,
+    pub needs_other_settings_search: bool,
     /// Description of the possible cause.
     pub cause: String,
     /// Evidence for the cause.
@@ -109,16 +109,16 @@ impl PossibleCause {
         remedy: impl Into<String>,
     ) -> Self {
         let (cause, evidence, remedy) = (cause.into(), evidence.into(), remedy.into());
-        Self { is_observed: false, needs_active_search: false, cause, evidence, remedy }
+        Self { is_observed: false, needs_other_settings_search: false, cause, evidence, remedy }
     }
 
     /// A suspected cause about which a search with other settings could find out more.
-    pub(in crate::controllers) fn preliminary(
+    pub(in crate::controllers) fn suspected_before_search(
         cause: impl Into<String>,
         evidence: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self { needs_active_search: true, ..Self::suspected(cause, evidence, remedy) }
+        Self { needs_other_settings_search: true, ..Self::suspected(cause, evidence, remedy) }
     }
 }
 

@@ -43,7 +43,7 @@ pub struct ControlDescription {
     /// Value of `kind` in `[controller]`.
     pub kind: &'static str,
     /// How the control receives a hold, in words.
-    pub hold_hint: &'static str,
+    pub hold_command_hint: &'static str,
     /// Setting of the control for the direction of an axis, in words; `None` if there is none.
     pub axis_direction_hint: Option<&'static str>,
     /// Setting of the control for the steps per unit of an axis, in words; `None` if there is none.

@@ -16,7 +16,7 @@ pub(in crate::controllers) struct MotionLines<'a> {
     pub motion: &'a Motion,
     pub text: &'a str,
     /// Maximum time for which the machine is at rest in these lines.
-    pub standstill_time: Duration,
+    pub planned_standstill_time: Duration,
 }
 
 /// # Errors
@@ -31,7 +31,7 @@ pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<Mo
             step,
             motion,
             text: &proven.unit.text,
-            standstill_time: planned_standstill_time(motion) + to_duration(proven.unit.clamp_wait_s),
+            planned_standstill_time: planned_standstill_time(motion) + duration_or_zero(proven.unit.clamp_wait_s),
         }),
         _ => Err(ControllerError::WrongTransmission { step }),
     });
@@ -40,13 +40,13 @@ pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<Mo
 
 fn planned_standstill_time(motion: &Motion) -> Duration {
     match motion {
-        Motion::Dwell { seconds } => to_duration(*seconds),
+        Motion::Dwell { seconds } => duration_or_zero(*seconds),
         Motion::OrientSpindle { .. } => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     }
 }
 
 /// Zero if `seconds` is negative, not finite or too large.
-pub(in crate::controllers) fn to_duration(seconds: f64) -> Duration {
+pub(in crate::controllers) fn duration_or_zero(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }

@@ -14,7 +14,7 @@ const SERIAL_PORT_PREFIXES: [&str; 3] = ["ttyUSB", "ttyACM", "ttyAMA"];
 
 /// Possible causes why the link `at` could not be opened, from the system's error; none for other errors.
 pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &ControllerError) -> Vec<PossibleCause> {
-    let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) = failure else {
+    let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::OpenFailed(error))) = failure else {
         return Vec::new();
     };
     let diagnosis = match (error, at) {

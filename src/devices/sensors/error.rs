@@ -39,7 +39,7 @@ impl SensorError {
             | Self::Modbus(ModbusError::ConnectionLost { .. } | ModbusError::LinkThreadEnded { .. }) => {
                 "check the sensor's power and cable; use serial_id for a port whose device name changes".to_owned()
             }
-            Self::Link(error) | Self::Modbus(ModbusError::Link(error)) => {
+            Self::Link(error) | Self::Modbus(ModbusError::OpenFailed(error)) => {
                 format!("{}; for the sensor: the keys of its table in [[sensor]]", error.remedy())
             }
             Self::Modbus(ModbusError::Timeout { .. }) => {

@@ -88,7 +88,7 @@ fn default_width() -> u16 {
 /// Layout of a frame that has passed the checks.
 #[derive(Debug, Clone)]
 pub struct FrameLayout {
-    pub sample: SampleLayout<BitField>,
+    pub sample_layout: SampleLayout<BitField>,
     /// Minimum number of bytes of a frame.
     required_bytes: usize,
 }
@@ -160,7 +160,7 @@ impl FrameLayout {
             encoder_and_modulus: encoder,
             conditions_with_flags: flags,
         };
-        Ok(Self { sample, required_bytes: min_bytes })
+        Ok(Self { sample_layout: sample, required_bytes: min_bytes })
     }
 
     /// # Errors
@@ -169,7 +169,7 @@ impl FrameLayout {
         if frame.len() < self.required_bytes {
             return Err(FrameTooShort { expected_bytes: self.required_bytes, received_bytes: frame.len() });
         }
-        self.sample.decode(frame)
+        self.sample_layout.decode(frame)
     }
 }
 

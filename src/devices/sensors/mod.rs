@@ -116,7 +116,7 @@ pub trait SensorDriver: Send + 'static {
 }
 
 /// Number of consecutive stale samples after which a read ends.
-const MAX_CONSECUTIVE_SILENCES: u32 = 3;
+const MAX_CONSECUTIVE_STALE_SAMPLES: u32 = 3;
 
 /// Time for which a sensor is read to determine its rate.
 const RATE_MEASUREMENT_TIME: Duration = Duration::from_millis(500);
@@ -179,9 +179,9 @@ impl SensorHandle {
         self.request(|reply| SensorRequest::ReadSamples(count, reply)).await
     }
 
-    /// Watches the samples until [`SensorHandle::end_watch`]: at the first sample that is not `is_good`, `on_rejection` is
-    /// called, at once and from the sensor's task. `on_rejection` must not block. A sensor that sends only on request
-    /// is not watched. Returns when the watch has started: every later sample is checked.
+    /// Watches the samples until [`SensorHandle::end_watch`]: at the first sample that is not `is_good`, `on_rejection`
+    /// is called, at once and from the sensor's task. `on_rejection` must not block. A sensor that sends only on
+    /// request is not watched. Returns when the watch has started: every later sample is checked.
     pub async fn watch(
         &self,
         is_good: impl Fn(&Sample) -> bool + Send + 'static,
@@ -262,7 +262,7 @@ async fn read_samples(driver: &mut impl SensorDriver, count: u32) -> Result<Vec<
         let sample = driver.next().await?;
         consecutive_silence_count = if sample.flag == ReadingFlag::Stale { consecutive_silence_count + 1 } else { 0 };
         samples.push(sample);
-        if consecutive_silence_count == MAX_CONSECUTIVE_SILENCES {
+        if consecutive_silence_count == MAX_CONSECUTIVE_STALE_SAMPLES {
             break;
         }
     }

@@ -14,7 +14,7 @@ const LANE_COUNT: usize = 8;
 /// Number of pairs of deviates per batch.
 const DEVIATE_PAIRS_PER_BATCH: usize = 256;
 /// Half a step of the angle, in half turns: with this offset the angles are symmetric about zero.
-const HALF_ANGLE_STEP: f64 = 1.0 / 16_777_216.0;
+const ANGLE_OFFSET_HALF_TURNS: f64 = 1.0 / 16_777_216.0;
 /// Bit pattern of 1.0 as `f64`.
 const ONE_BITS: u64 = 0x3FF0_0000_0000_0000;
 
@@ -122,7 +122,7 @@ impl WithSimd for FillNormalPairs<'_> {
 fn normal_pair(bits: u64) -> (f64, f64) {
     // 2 − [1, 2) lies in (0, 1]: the logarithm is finite.
     let radius = (-2.0 * ln(2.0 - f64::from_bits((bits >> 24 << 12) | ONE_BITS))).sqrt();
-    let angle = PI * (f64::from_bits((bits << 41 >> 12) | ONE_BITS) - (1.5 - HALF_ANGLE_STEP));
+    let angle = PI * (f64::from_bits((bits << 41 >> 12) | ONE_BITS) - (1.5 - ANGLE_OFFSET_HALF_TURNS));
     let signed = f64::from_bits(radius.to_bits() | ((bits << 40) & (1 << 63)));
     (signed * cos(angle), signed * sin(angle))
 }

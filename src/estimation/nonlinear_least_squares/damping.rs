@@ -1,6 +1,6 @@
 //! Levenberg–Marquardt: the step is damped where the model differs too much from its linearisation.
 
-use super::super::schur::{BlockFactorisation, BlockRows, add_damping_rows, factorise};
+use super::super::schur::{BlockFactorisation, BlockRows, add_damping_rows, factorise_and_project_right_side};
 use super::{LeastSquaresModel, ModelPoint, square_sum};
 
 /// Initial value of λ.
@@ -43,7 +43,7 @@ impl Damping {
         let rows = (model.rows_at)(&point.x);
         while self.lambda <= MAX_LAMBDA {
             let weights: Vec<f64> = self.unknown_scales.iter().map(|s| self.lambda.sqrt() * s).collect();
-            let (damped, coordinates) = factorise(add_damping_rows(rows.clone(), &weights));
+            let (damped, coordinates) = factorise_and_project_right_side(add_damping_rows(rows.clone(), &weights));
             let velocity = damped.unknowns_from_coordinates(&coordinates);
             if let Some(step) = self.accelerated_step(model, point, &damped, &velocity) {
                 let next = model.evaluate_after_step(point, &step);

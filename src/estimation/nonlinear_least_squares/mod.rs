@@ -10,7 +10,7 @@ mod tests;
 use damping::Damping;
 
 use super::linear_least_squares::LinearError;
-use super::schur::{BlockFactorisation, BlockRows, factorise};
+use super::schur::{BlockFactorisation, BlockRows, factorise_and_project_right_side};
 
 /// Maximum number of Jacobian evaluations.
 const MAX_JACOBIAN_COUNT: usize = 1000;
@@ -66,7 +66,7 @@ pub fn minimise_squares(
     let mut point = model.evaluate(start);
     let (mut damping, mut last, mut size) = (Damping::new(), f64::INFINITY, f64::NAN);
     for jacobian_count in 1..=MAX_JACOBIAN_COUNT {
-        let (factored, coordinates) = factorise((model.rows_at)(&point.x));
+        let (factored, coordinates) = factorise_and_project_right_side((model.rows_at)(&point.x));
         size = square_sum(&coordinates).sqrt();
         if factored.is_full_rank() {
             let next = model.evaluate_after_step(&point, &factored.unknowns_from_coordinates(&coordinates));

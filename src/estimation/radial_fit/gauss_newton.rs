@@ -74,11 +74,11 @@ fn algebraic_centre<const D: usize>(points: &[[f64; D]]) -> Result<[f64; D], Rad
     let mut a = Mat::from_fn(count, D, |i, k| points[i][k] - mean[k]);
     let spread = a.singular_values().map_err(|_| RadialError::NotConverged)?;
     if spread[D - 1] <= MAX_FLAT_THICKNESS_RATIO * spread[0] {
-        return Err(RadialError::Flat);
+        return Err(RadialError::CollinearOrCoplanar);
     }
     a.resize_with(count, D + 1, |_, _| spread[0]);
     let half: Vec<f64> = (0..count).map(|i| 0.5 * (0..D).map(|k| a[(i, k)] * a[(i, k)]).sum::<f64>()).collect();
-    let offset = solve_unweighted(&a, &half).ok_or(RadialError::Flat)?.x;
+    let offset = solve_unweighted(&a, &half).ok_or(RadialError::CollinearOrCoplanar)?.x;
     Ok(std::array::from_fn(|k| mean[k] + offset[k]))
 }
 

@@ -22,7 +22,7 @@ pub(super) enum RadialError {
     /// Contains the number of points.
     TooFewPoints(usize),
     /// The points are on one line (D = 2) or in one plane (D = 3), or coincide.
-    Flat,
+    CollinearOrCoplanar,
     NotFinite,
     NotConverged,
 }

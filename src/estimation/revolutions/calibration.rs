@@ -24,7 +24,7 @@ const GAIN_AND_ANGLE_STD_U_FLOOR: f64 = 1e-12;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeclaredSensor {
     /// Cross section that a radial sensor measures, from 0. `None`: the sensor is not radial.
-    pub cross_section_index: Option<usize>,
+    pub radial_cross_section_index: Option<usize>,
     /// γ, the angle of the sensor, counter-clockwise, rad.
     pub angle_rad: f64,
     /// Standard uncertainty of the gain, relative.
@@ -37,7 +37,7 @@ pub struct DeclaredSensor {
 #[derive(Debug, Clone)]
 pub struct SensorCalibration {
     /// ε_i of all sensors, then δ_i of all sensors in rad.
-    pub gain_and_angle_deviations: Vec<f64>,
+    pub gain_then_angle_deviations: Vec<f64>,
     pub covariance: Mat<f64>,
 }
 
@@ -50,7 +50,7 @@ pub fn calibrate_sensors(
     sensors: &[DeclaredSensor],
     turn_sign: f64,
 ) -> Result<SensorCalibration, LinearError> {
-    let cross_section = |row: usize| sensors[data.row_keys[row].channel_index].cross_section_index;
+    let cross_section = |row: usize| sensors[data.row_keys[row].channel_index].radial_cross_section_index;
     let rows: Vec<usize> = (0..data.row_keys.len()).filter(|row| cross_section(*row).is_some()).collect();
     let mut mountings: Vec<MountingKey> =
         rows.iter().map(|row| (cross_section(*row), data.row_keys[*row].mounting_index)).collect();
@@ -109,7 +109,7 @@ impl CalibrationEquations<'_> {
             covariance = solution.covariance.submatrix(0, 0, own, own).to_owned();
         }
         x.truncate(own);
-        Ok(SensorCalibration { gain_and_angle_deviations: x, covariance })
+        Ok(SensorCalibration { gain_then_angle_deviations: x, covariance })
     }
 
     /// Derivatives and residuals of the data rows at the unknowns `x`; each data row gives a real and an imaginary row.
@@ -120,7 +120,7 @@ impl CalibrationEquations<'_> {
         let mut y = Vec::new();
         for (number, row) in self.data_rows.iter().enumerate() {
             let key = self.data.row_keys[*row];
-            let (sensor, section) = (key.channel_index, self.sensors[key.channel_index].cross_section_index);
+            let (sensor, section) = (key.channel_index, self.sensors[key.channel_index].radial_cross_section_index);
             let motion = self.cross_section_indices.iter().position(|s| *s == section).unwrap_or(0);
             let mounting = self.mountings.iter().position(|m| *m == (section, key.mounting_index));
             let against = 2 * (count + motion);

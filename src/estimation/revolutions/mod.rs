@@ -23,6 +23,6 @@ pub use resample_filter::{KERNEL_HALF_WIDTH_OUTPUT_STEPS, ResampleFilter};
 pub use saturation::invalidate_saturated_samples;
 pub use shared_revolutions::{
     ChannelAtMounting, ChannelRevolutions, RejectedRevolutions, append_revolutions, common_and_rejected_revolutions,
-    remove_channels_with_missing_revolutions,
+    remove_channels_with_fewer_revolutions,
 };
 pub use stop_scan::StopScan;

@@ -10,8 +10,9 @@ pub const KERNEL_HALF_WIDTH_OUTPUT_STEPS: usize = 6;
 /// Shape of the Kaiser window: −100 dB above [`ResampleFilter::min_suppressed_harmonic`] (Kaiser's formula β =
 /// 0.1102·(A − 8.7)).
 const KAISER_BETA: f64 = 10.06;
-/// Half of the transition band relative to the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_WIDTH_OUTPUT_STEPS`]).
-const HALF_TRANSITION_BAND_RATIO: f64 = 0.267;
+/// Half of the transition band relative to the output rate: (A −
+/// 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_WIDTH_OUTPUT_STEPS`]).
+const HALF_TRANSITION_BAND_PER_OUTPUT_RATE: f64 = 0.267;
 /// Kernel values per output step. Linear interpolation between them is exact to 1e-7.
 const KERNEL_VALUES_PER_STEP: usize = 2048;
 
@@ -58,7 +59,7 @@ impl ResampleFilter {
 
     /// Highest order that passes unchanged to 1e-5.
     pub fn max_passed_harmonic(&self) -> usize {
-        ((0.5 - HALF_TRANSITION_BAND_RATIO) * self.steps_per_revolution as f64) as usize
+        ((0.5 - HALF_TRANSITION_BAND_PER_OUTPUT_RATE) * self.steps_per_revolution as f64) as usize
     }
 
     /// Order of the −6 dB attenuation.
@@ -69,7 +70,7 @@ impl ResampleFilter {
     /// Lowest order that is suppressed by 100 dB. Only orders from `steps_per_revolution` − k on alias into the
     /// harmonic k, so no order aliases into a harmonic up to [`max_passed_harmonic`](Self::max_passed_harmonic).
     pub fn min_suppressed_harmonic(&self) -> usize {
-        ((0.5 + HALF_TRANSITION_BAND_RATIO) * self.steps_per_revolution as f64).ceil() as usize
+        ((0.5 + HALF_TRANSITION_BAND_PER_OUTPUT_RATE) * self.steps_per_revolution as f64).ceil() as usize
     }
 
     /// Value of the filter kernel at a distance of `u` output steps.

@@ -31,15 +31,15 @@ impl ChannelRevolutions {
 /// Revolutions of a channel that are rejected because of missing samples.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(
-    "{rejected} of {revolutions} revolutions have missing samples ({}); measure again, or move the sensor back into its range",
+    "{rejected_count} of {revolution_count} revolutions have missing samples ({}); measure again, or move the sensor back into its range",
     describe_gaps(.gaps)
 )]
 pub struct RejectedRevolutions {
     pub channel_index: usize,
     /// Number of rejected revolutions.
-    pub rejected: usize,
+    pub rejected_count: usize,
     /// Number of all revolutions of the scan.
-    pub revolutions: usize,
+    pub revolution_count: usize,
     /// Angles without samples within the range of the samples.
     pub gaps: Vec<AngleRange>,
 }
@@ -52,9 +52,10 @@ fn describe_gaps(gaps: &[AngleRange]) -> String {
 }
 
 /// Returns the revolutions that are complete in all usable channels of one scan, and the channels with rejected
-/// revolutions. A channel without a complete revolution is not usable. `index`: number of the mounting of the scan.
+/// revolutions. A channel without a complete revolution is not usable. `mounting_index`: number of the mounting of the
+/// scan.
 pub fn common_and_rejected_revolutions(
-    index: usize,
+    mounting_index: usize,
     channels: &[ResampledChannel],
 ) -> (Vec<ChannelRevolutions>, Vec<RejectedRevolutions>) {
     let Some(ResampledChannel { steps_per_revolution: steps, .. }) = channels.first() else {
@@ -77,12 +78,17 @@ pub fn common_and_rejected_revolutions(
         let rejected = of.iter().filter(|revolution| revolution.is_none()).count();
         if rejected > 0 {
             let gaps = channels[channel].gaps.clone();
-            rejections.push(RejectedRevolutions { channel_index: channel, rejected, revolutions: count, gaps });
+            rejections.push(RejectedRevolutions {
+                channel_index: channel,
+                rejected_count: rejected,
+                revolution_count: count,
+                gaps,
+            });
         }
         let revolutions: Vec<Vec<f64>> = common.iter().filter_map(|r| of[*r].clone()).collect();
         if !revolutions.is_empty() {
             rows.push(ChannelRevolutions {
-                key: ChannelAtMounting { mounting_index: index, channel_index: channel },
+                key: ChannelAtMounting { mounting_index, channel_index: channel },
                 revolutions,
             });
         }
@@ -101,7 +107,7 @@ pub fn append_revolutions(rows: &mut Vec<ChannelRevolutions>, more: Vec<ChannelR
 }
 
 /// Removes the rows with fewer revolutions than another row, and returns their keys. All rows are of one mounting.
-pub fn remove_channels_with_missing_revolutions(rows: &mut Vec<ChannelRevolutions>) -> Vec<ChannelAtMounting> {
+pub fn remove_channels_with_fewer_revolutions(rows: &mut Vec<ChannelRevolutions>) -> Vec<ChannelAtMounting> {
     let most = rows.iter().map(|row| row.revolutions.len()).max().unwrap_or(0);
     let incomplete = rows.extract_if(.., |row| row.revolutions.len() < most);
     incomplete.map(|row| row.key).collect()

@@ -105,7 +105,7 @@ fn revolutions_with_gaps_are_rejected() {
     let always = |angle: f64| !(120.0..130.0).contains(&angle.to_degrees().rem_euclid(360.0));
     let lost = resample_function(&filter, &angles, f64::sin, always);
     let (rows, rejected) = common_and_rejected_revolutions(4, &[whole, lost]);
-    assert!(rows.len() == 1 && rows[0].revolutions.len() == 4 && rejected[0].rejected == 4);
+    assert!(rows.len() == 1 && rows[0].revolutions.len() == 4 && rejected[0].rejected_count == 4);
 }
 
 /// The table stops for 500 samples within a revolution, and the encoder jitters.
@@ -202,10 +202,10 @@ fn sensor_calibration_finds_gain_and_angle_differences() {
             let data = HarmonicData::from_revolutions(&rows, 3).unwrap();
             let sensors = [0, 1, 2].map(|channel| {
                 let angle_rad = nominal_deg[channel].to_radians();
-                DeclaredSensor { cross_section_index: Some(0), angle_rad, u_gain, u_angle_rad }
+                DeclaredSensor { radial_cross_section_index: Some(0), angle_rad, u_gain, u_angle_rad }
             });
             let found = calibrate_sensors(&data, &sensors, turn).unwrap();
-            let error = |i: usize| found.gain_and_angle_deviations[i] - 5e-3 * truth[i];
+            let error = |i: usize| found.gain_then_angle_deviations[i] - 5e-3 * truth[i];
             squares += (0..6).map(|i| error(i).powi(2) / found.covariance[(i, i)]).sum::<f64>();
             of_differences += [(0, 1), (1, 2), (3, 4), (4, 5)]
                 .iter()

@@ -23,9 +23,9 @@ enum IdFilterState {
 }
 
 pub(super) struct ForeignIdDetector {
-    filter: IdFilterState,
+    filter_state: IdFilterState,
     /// Time of the last own frame, or the time at which the socket began to accept other identifiers.
-    filter_since: Instant,
+    filter_timer_start: Instant,
     reported_ids: Vec<CanId>,
 }
 
@@ -38,12 +38,12 @@ pub(super) enum IdFilterChange {
 
 impl ForeignIdDetector {
     pub fn new(now: Instant) -> Self {
-        Self { filter: IdFilterState::OwnId, filter_since: now, reported_ids: Vec::new() }
+        Self { filter_state: IdFilterState::OwnId, filter_timer_start: now, reported_ids: Vec::new() }
     }
 
     /// Records a frame of the own identifier. Returns the filter that must be set now; `None`: the filter stays.
     pub fn record_own_frame(&mut self, now: Instant) -> Option<IdFilterChange> {
-        let previous = self.filter;
+        let previous = self.filter_state;
         *self = Self::new(now);
         (previous == IdFilterState::AllIds).then_some(IdFilterChange::OwnId)
     }
@@ -51,16 +51,16 @@ impl ForeignIdDetector {
     /// Returns the filter that must be set now, because of the elapsed time or because enough other identifiers were
     /// found. `None`: the filter stays.
     pub fn due_filter_change(&mut self, now: Instant) -> Option<IdFilterChange> {
-        match self.filter {
-            IdFilterState::OwnId if now - self.filter_since >= OWN_ID_SILENCE_BEFORE_SCAN => {
-                (self.filter, self.filter_since) = (IdFilterState::AllIds, now);
+        match self.filter_state {
+            IdFilterState::OwnId if now - self.filter_timer_start >= OWN_ID_SILENCE_BEFORE_SCAN => {
+                (self.filter_state, self.filter_timer_start) = (IdFilterState::AllIds, now);
                 Some(IdFilterChange::AllIds)
             }
             IdFilterState::AllIds
-                if now - self.filter_since >= MAX_ACCEPT_ALL_IDS_TIME
+                if now - self.filter_timer_start >= MAX_ACCEPT_ALL_IDS_TIME
                     || self.reported_ids.len() == MAX_REPORTED_FOREIGN_IDS =>
             {
-                self.filter = IdFilterState::OwnIdAfterScan;
+                self.filter_state = IdFilterState::OwnIdAfterScan;
                 Some(IdFilterChange::OwnId)
             }
             _ => None,
@@ -69,7 +69,7 @@ impl ForeignIdDetector {
 
     /// Records a frame of another identifier. Returns whether it must be reported.
     pub fn record_new_foreign_id(&mut self, id: CanId) -> bool {
-        let is_new = self.filter == IdFilterState::AllIds
+        let is_new = self.filter_state == IdFilterState::AllIds
             && self.reported_ids.len() < MAX_REPORTED_FOREIGN_IDS
             && !self.reported_ids.contains(&id);
         if is_new {

@@ -8,7 +8,7 @@ use crate::LinkError;
 pub enum ModbusError {
     /// The connection could not be opened or reopened: the request was not sent.
     #[error(transparent)]
-    Link(#[from] LinkError),
+    OpenFailed(#[from] LinkError),
     #[error("{request}: the device refuses function {function} with exception {code} ({})", exception_name(*code))]
     ExceptionReply { request: String, function: u8, code: u8 },
     #[error("{request}: no reply within {:.1} s", timeout.as_secs_f64())]
@@ -59,7 +59,7 @@ impl ModbusError {
             | Self::ReadBackDiffers { .. }
             | Self::ReadBackFailed { .. }
             | ModbusError::LinkThreadEnded { .. } => true,
-            Self::Link(_)
+            Self::OpenFailed(_)
             | Self::ExceptionReply { .. }
             | Self::LineNotCleared { .. }
             | Self::NotAllowed { .. }
@@ -70,7 +70,7 @@ impl ModbusError {
     /// What the operator should do next.
     pub fn remedy(&self) -> String {
         let text = match self {
-            Self::Link(error) => return error.remedy(),
+            Self::OpenFailed(error) => return error.remedy(),
             Self::ReadBackFailed { source, .. } => return source.remedy(),
             Self::ExceptionReply { code: 1, .. } => {
                 "the device does not support this function: check in its manual whether it has input or holding registers"

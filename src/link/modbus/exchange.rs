@@ -27,7 +27,7 @@ pub(super) struct ModbusExchange {
     /// Over TCP, the context lives as long as the connection, because it holds the transaction numbers.
     context: Option<Context>,
     /// Replies that may still arrive (RTU).
-    owed_replies: Vec<ReplyShape>,
+    pending_replies: Vec<ReplyShape>,
     last_expected_reply_shape: Option<ReplyShape>,
 }
 
@@ -40,7 +40,15 @@ enum CallOutcome {
 impl ModbusExchange {
     pub(super) fn new(line: ModbusLineConfig, backend: LinkBackend, urgent_queue: UrgentQueue) -> Self {
         let (stream, context, owed_replies, last_reply_shape) = (None, None, Vec::new(), None);
-        Self { line, backend, urgent_queue, stream, context, owed_replies, last_expected_reply_shape: last_reply_shape }
+        Self {
+            line,
+            backend,
+            urgent_queue,
+            stream,
+            context,
+            pending_replies: owed_replies,
+            last_expected_reply_shape: last_reply_shape,
+        }
     }
 
     /// # Errors
@@ -80,7 +88,7 @@ impl ModbusExchange {
                 (Ok(0), _) => return Ok(()),
                 (Ok(_), Framing::Rtu) => {
                     // Bytes arrived without a request: perhaps the last reply was sent twice.
-                    self.owed_replies.extend(self.last_expected_reply_shape);
+                    self.pending_replies.extend(self.last_expected_reply_shape);
                     return Ok(());
                 }
                 // The idle connection was closed, or bytes arrived without a request.
@@ -103,15 +111,15 @@ impl ModbusExchange {
     /// A read whose reply cannot be confused with any pending reply.
     fn choose_test_read(&self, settings: &DeviceSettings) -> Option<RegisterAccess> {
         let mut test_reads = settings.access_list.reads_of_distinct_reply_length();
-        test_reads.find(|test_read| !self.owed_replies.contains(&test_read.reply_shape(settings.unit)))
+        test_reads.find(|test_read| !self.pending_replies.contains(&test_read.reply_shape(settings.unit)))
     }
 
     fn has_pending_reply(&self, unit: u8) -> bool {
-        self.owed_replies.iter().any(|reply| reply.unit == unit)
+        self.pending_replies.iter().any(|reply| reply.unit == unit)
     }
 
     fn forget_pending_replies(&mut self, unit: u8) {
-        self.owed_replies.retain(|reply| reply.unit != unit);
+        self.pending_replies.retain(|reply| reply.unit != unit);
     }
 
     /// RTU: sends a read whose reply differs from all pending replies of the unit. None of them can follow that reply.
@@ -158,9 +166,9 @@ impl ModbusExchange {
     /// Sends one test read of `clear_line`; returns its error, if any.
     async fn send_test_read(&mut self, test_read: &RegisterAccess, settings: &DeviceSettings) -> Option<ModbusError> {
         let shape = test_read.reply_shape(settings.unit);
-        let ambiguous = self.owed_replies.iter().any(|reply| reply.has_same_unit_and_function(shape));
+        let ambiguous = self.pending_replies.iter().any(|reply| reply.has_same_unit_and_function(shape));
         match self.send_request(test_read, settings).await {
-            Err(ModbusError::ExceptionReply { .. }) if ambiguous => self.owed_replies.push(shape),
+            Err(ModbusError::ExceptionReply { .. }) if ambiguous => self.pending_replies.push(shape),
             Ok(_) | Err(ModbusError::ExceptionReply { .. }) => self.forget_pending_replies(settings.unit),
             Err(error) => {
                 if matches!(error, ModbusError::UnexpectedReply { .. }) {
@@ -220,7 +228,7 @@ impl ModbusExchange {
         };
         self.context = None;
         match self.line.framing {
-            Framing::Rtu => self.owed_replies.push(shape),
+            Framing::Rtu => self.pending_replies.push(shape),
             Framing::Tcp => self.stream = None,
         }
         Err(error)

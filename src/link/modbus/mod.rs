@@ -129,9 +129,9 @@ impl UrgentWriteSender {
         self.queue_write(true);
     }
 
-    fn queue_write(&self, blocks_writes: bool) {
+    fn queue_write(&self, refuses_ordinary_writes: bool) {
         let (access, settings) = (self.access.clone(), self.settings.clone());
-        let _ = self.urgent_queue.send(UrgentWrite { access, settings, refuses_ordinary_writes: blocks_writes });
+        let _ = self.urgent_queue.send(UrgentWrite { access, settings, refuses_ordinary_writes });
     }
 }
 

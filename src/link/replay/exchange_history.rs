@@ -53,7 +53,8 @@ impl ExchangeHistory {
         self.exchanges.get(self.current_index + 1..).unwrap_or_default()
     }
 
-    /// Makes the exchange at `index` of [`Self::following_exchanges`] the current one; returns the replies to its command.
+    /// Makes the exchange at `index` of [`Self::following_exchanges`] the current one; returns the replies to its
+    /// command.
     pub(super) fn advance_to_following(&mut self, index: usize) -> Vec<CapturedReply> {
         (self.current_index, self.returned_reply_counts) = (self.current_index + 1 + index, BTreeMap::new());
         self.current_replies()

@@ -71,7 +71,7 @@ pub fn artefact_bodies(artefact: &Artefact) -> Vec<ArtefactBody> {
 }
 
 fn cylinder_body(cylinder: &Cylinder) -> ArtefactBody {
-    let from = Vector3::from(cylinder.centre_mm);
+    let from = Vector3::from(cylinder.foot_mm);
     let axis = unit_vector(Vector3::from(cylinder.axis)).unwrap_or(Vector3::z());
     let (to, radius) = (from + axis * cylinder.height_mm, cylinder.radius_mm);
     ArtefactBody { name: "artefact".to_owned(), shape: BodyShape::Cylinder { from, to, radius }, is_touchable: true }
@@ -79,7 +79,7 @@ fn cylinder_body(cylinder: &Cylinder) -> ArtefactBody {
 
 /// One cylinder that encloses all sections and the face.
 fn datum_cylinder_body(cylinder: &DatumCylinder) -> ArtefactBody {
-    let foot = Vector3::from(cylinder.centre_mm);
+    let foot = Vector3::from(cylinder.foot_mm);
     let axis = unit_vector(Vector3::from(cylinder.axis)).unwrap_or(Vector3::z());
     let sections = || cylinder.sections.iter().chain(&cylinder.face);
     let height = sections().map(|section| section.z_mm).fold(0.0, f64::max);
@@ -114,7 +114,8 @@ mod tests {
         let point = |x, z| Vector3::new(x, 0.0, z);
         let ball = BodyShape::Ball { centre: point(0.0, 5.0), radius: 2.0 };
         let cylinder = BodyShape::Cylinder { from: point(0.0, 0.0), to: point(0.0, 30.0), radius: 10.0 };
-        // Outside and inside of the ball; beside, above, diagonally above the rim, inside near the side and near the end.
+        // Outside and inside of the ball; beside, above, diagonally above the rim, inside near the side and near the
+        // end.
         let cases = [
             (ball, point(3.0, 9.0), 3.0),
             (ball, point(0.0, 4.0), -1.0),

@@ -27,7 +27,7 @@ pub struct ObservedSurface {
     /// Direction from the axis to the sensor, counter-clockwise from +X, rad.
     pub sensor_angle_rad: f64,
     /// Distance of the measured point on the face from the axis, mm.
-    pub face_radius_mm: f64,
+    pub face_point_radius_mm: f64,
 }
 
 /// Error: the sensor measures no surface of the cylinder.
@@ -36,7 +36,7 @@ pub enum ObservedSurfaceError {
     #[error("the sensor turns with the table that it must measure")]
     SensorTurnsWithTable,
     #[error("the beam is neither perpendicular to the axis nor directed down at the face")]
-    NoSurface,
+    BeamNeitherRadialNorAxial,
     #[error("the beam misses the axis of the table by {offset_mm:.2} mm, or points away from the axis")]
     MissesAxis { offset_mm: f64 },
     #[error("the beam misses the face: it is {radius_mm:.1} mm from the axis")]
@@ -52,7 +52,7 @@ impl ObservedSurfaceError {
             ObservedSurfaceError::SensorTurnsWithTable => {
                 "mount the sensor on the bed or the spindle, and set mount = \"bed\" or \"spindle\""
             }
-            Self::NoSurface => "correct direction of the sensor, or declare the face of the [artefact]",
+            Self::BeamNeitherRadialNorAxial => "correct direction of the sensor, or declare the face of the [artefact]",
             Self::MissesAxis { .. } => "correct zero_mm and direction: the beam of a radial sensor must meet the axis",
             Self::MissesFace { .. } => "correct zero_mm of the sensor, or radius_mm of the [artefact] face",
             Self::NoSection { .. } => "correct zero_mm, `at`, or the z_mm of [artefact] sections",
@@ -72,7 +72,7 @@ pub struct ObservedCylinder<'a> {
 impl ObservedCylinder<'_> {
     /// Foot of the cylinder, machine frame, mm.
     pub fn foot_position(&self) -> Vector3<f64> {
-        let foot = Vector3::from(self.cylinder.centre_mm);
+        let foot = Vector3::from(self.cylinder.foot_mm);
         self.chain.machine_from_table(self.position, &[]).transform_point(&foot.into()).coords
     }
 
@@ -95,17 +95,21 @@ impl ObservedCylinder<'_> {
             if radius_mm > face.radius_mm {
                 return Err(ObservedSurfaceError::MissesFace { radius_mm });
             }
-            return Ok(ObservedSurface { section_index: None, sensor_angle_rad: angle_rad, face_radius_mm: radius_mm });
+            return Ok(ObservedSurface {
+                section_index: None,
+                sensor_angle_rad: angle_rad,
+                face_point_radius_mm: radius_mm,
+            });
         }
         let across = unit_vector(along).filter(|along| along.z.abs() < MAX_RADIAL_BEAM_AXIS_COSINE);
-        let across = across.ok_or(ObservedSurfaceError::NoSurface)?;
+        let across = across.ok_or(ObservedSurfaceError::BeamNeitherRadialNorAxial)?;
         let offset_mm = (from_axis.x * across.y - from_axis.y * across.x).abs();
         if offset_mm > MAX_BEAM_AXIS_OFFSET_MM || from_axis.dot(&across) > 0.0 {
             return Err(ObservedSurfaceError::MissesAxis { offset_mm });
         }
         let section = Some(self.section_index_at(zero.z - self.foot_position().z)?);
         let angle_rad = (-across.y).atan2(-across.x);
-        Ok(ObservedSurface { section_index: section, sensor_angle_rad: angle_rad, face_radius_mm: 0.0 })
+        Ok(ObservedSurface { section_index: section, sensor_angle_rad: angle_rad, face_point_radius_mm: 0.0 })
     }
 
     /// Index of the cross section at `height_mm` above the foot.

@@ -56,7 +56,7 @@ impl KinematicChain {
     ///
     /// # Errors
     /// The table has no such rotary axis.
-    pub fn axis_displacement_from_tip(
+    pub fn axis_displacement_relative_to_tip(
         &self,
         axis: Axis,
         at: Vector3<f64>,
@@ -73,7 +73,7 @@ impl KinematicChain {
         Ok((carried(errors) - carried(&[])) - (tip_at(errors) - tip_at(&[])))
     }
 
-    /// Derivative of [`Self::axis_displacement_from_tip`] by `parameter`, without other errors.
+    /// Derivative of [`Self::axis_displacement_relative_to_tip`] by `parameter`, without other errors.
     ///
     /// # Errors
     /// The table has no such rotary axis.
@@ -85,6 +85,6 @@ impl KinematicChain {
         parameter: ErrorParameter,
     ) -> Result<Vector3<f64>, KinematicsError> {
         let step = [ErrorTerm { parameter, value: DERIVATIVE_STEP }];
-        Ok(self.axis_displacement_from_tip(axis, at, tip, &step)? / DERIVATIVE_STEP)
+        Ok(self.axis_displacement_relative_to_tip(axis, at, tip, &step)? / DERIVATIVE_STEP)
     }
 }

@@ -24,7 +24,8 @@ pub enum Artefact {
 #[serde(deny_unknown_fields)]
 pub struct DatumCylinder {
     /// Foot of the cylinder's axis, table frame.
-    pub centre_mm: [f64; 3],
+    #[serde(rename = "centre_mm")]
+    pub foot_mm: [f64; 3],
     /// Direction of the axis from the foot, table frame; of any length.
     pub axis: [f64; 3],
     pub sections: Vec<DatumCrossSection>,
@@ -50,7 +51,8 @@ pub struct DatumCrossSection {
 #[serde(deny_unknown_fields)]
 pub struct Cylinder {
     /// Foot of the cylinder's axis, table frame.
-    pub centre_mm: [f64; 3],
+    #[serde(rename = "centre_mm")]
+    pub foot_mm: [f64; 3],
     /// Direction of the axis from the foot, table frame; of any length.
     pub axis: [f64; 3],
     pub radius_mm: f64,

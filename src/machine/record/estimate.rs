@@ -385,10 +385,11 @@ pub struct Estimate {
     #[serde(rename = "smallest_found", default, skip_serializing_if = "Vec::is_empty")]
     pub measurement_checks: Vec<MeasurementCheck>,
     /// Hashes of the estimates that are used as known values.
-    pub priors: Vec<String>,
+    #[serde(rename = "priors")]
+    pub prior_hashes: Vec<String>,
     /// Measured ranges of the axes, mm and degrees.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub measured: BTreeMap<Axis, [f64; 2]>,
+    #[serde(rename = "measured", default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub measured_ranges: BTreeMap<Axis, [f64; 2]>,
     /// Effects of the sources that other runs may share. Not in the JSON: only the identification computes them.
     #[serde(skip)]
     pub source_effects: Vec<SourceEffect>,

@@ -13,7 +13,8 @@ use super::watched_sensors::LiveValues;
 #[serde(rename_all = "snake_case", tag = "event")]
 pub enum RunEvent {
     /// Free text for the operator.
-    Announced {
+    #[serde(rename = "announced")]
+    OperatorMessage {
         text: String,
     },
     /// The control has passed all checks before motion; `identity`: its firmware and version.
@@ -38,7 +39,8 @@ pub enum RunEvent {
         reading: Reading,
     },
     /// The prompt waits for the operator; nothing moves until the operator confirms it.
-    Asked {
+    #[serde(rename = "asked")]
+    PromptStarted {
         step: u32,
         repeat: u32,
         text: String,
@@ -48,7 +50,8 @@ pub enum RunEvent {
         values: LiveValues,
     },
     /// The operator has confirmed the prompt.
-    Answered {
+    #[serde(rename = "answered")]
+    PromptConfirmed {
         step: u32,
         repeat: u32,
         who: String,
@@ -77,7 +80,8 @@ pub enum RunEvent {
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         leaves: bool,
     },
-    /// The run continues after an interruption. `gap_s`: time of the last reading before it, on the clock of the readings.
+    /// The run continues after an interruption. `gap_s`: time of the last reading before it, on the clock of the
+    /// readings.
     Resumed {
         gap_s: f64,
     },

@@ -177,8 +177,8 @@ pub struct Probe {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lobing_orders: Vec<u32>,
     /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
-    #[serde(default)]
-    pub stylus_offset_um: f64,
+    #[serde(rename = "stylus_offset_um", default)]
+    pub u_stylus_offset_um: f64,
     /// Standard uncertainty of the stylus length in `tool_mm`, relative to the tool lengths in the control, um. Absent:
     /// unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -237,7 +237,7 @@ impl Probe {
             repeatability_um: None,
             lobing_um: 0.0,
             lobing_orders: Vec::new(),
-            stylus_offset_um: 0.0,
+            u_stylus_offset_um: 0.0,
             u_stylus_length_um: None,
             qualified_within_days: None,
             overtravel_mm: 0.0,

@@ -15,8 +15,8 @@ pub struct MeasurementCheck {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_um: Option<f64>,
     /// Smallest deviation that is detected with a probability of 95 %; absent if no other measurement checks it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub deviation_um: Option<f64>,
+    #[serde(rename = "deviation_um", default, skip_serializing_if = "Option::is_none")]
+    pub min_detectable_deviation_um: Option<f64>,
 }
 
 /// A measurement that is far from the value predicted by all others. It is still part of the estimate: the operator
@@ -26,7 +26,8 @@ pub struct Outlier {
     /// Candidates; several if the readings do not show which of them is wrong.
     pub candidates: Vec<OutlierCandidate>,
     /// Externally studentised residual.
-    pub t: f64,
+    #[serde(rename = "t")]
+    pub studentised_residual: f64,
     /// Action taken, as text; absent: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<String>,

@@ -42,8 +42,8 @@ pub struct Plan {
     pub priors: Vec<Estimate>,
     /// Times on the clock of the readings, s, at which the measurement was interrupted: each is the time of the
     /// last reading before the interruption. Values before and after an interruption may differ systematically.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub gaps_s: Vec<f64>,
+    #[serde(rename = "gaps_s", default, skip_serializing_if = "Vec::is_empty")]
+    pub interruption_times_s: Vec<f64>,
     /// Keys that the machine file does not contain and whose values are assumed, e.g. `axes.X.backlash_um`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub assumed: Vec<String>,

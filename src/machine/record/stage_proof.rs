@@ -15,7 +15,8 @@ pub struct StageProof {
     pub steps: Vec<Clearance>,
     /// What was not checked, as text: bodies that the machine file does not declare, neighbours that are built
     /// close, moves before the positions of all axes are known.
-    pub not_looked_at: Vec<String>,
+    #[serde(rename = "not_looked_at")]
+    pub unchecked_items: Vec<String>,
 }
 
 /// Two bodies, their smallest distance, and the line of the text.

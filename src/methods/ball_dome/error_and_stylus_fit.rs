@@ -21,7 +21,7 @@ pub const STYLUS_AND_POSE_UNKNOWN_COUNT: usize = 9;
 
 /// The fitted stylus minus the offset of the spindle in the prior. The gain of the stylus applies to the change
 /// of each point minus the change of its certified position. `None`: the readings do not separate errors and stylus.
-pub fn fit_errors_and_stylus(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Option<StylusEstimate> {
+pub fn fit_machine_errors_and_stylus(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Option<StylusEstimate> {
     let own = known.errors.iter().filter(|error| !is_spindle_error(error));
     let mut errors: Vec<ErrorTerm> = own.map(|error| ErrorTerm { value: 0.0, ..*error }).collect();
     let mut stylus = points.stated_stylus;

@@ -52,16 +52,16 @@ pub fn build_estimate(
     let variant_index = |name: &str| variants.iter().position(|variant| variant.kind.name == name);
     let mut sources = sources::reading_sources(plan, points.chain(), &observed);
     let compared_index = variant_index("S3");
-    let weights = point_weights(&points, &sources);
+    let weights = point_whitening_matrices(&points, &sources);
     let groups = outputs::MeasurementGroups::from_observed(&observed);
     let model = DomeModel {
         points: &points,
         variants: &variants,
         point_derivatives_by_prior_errors: &point_derivatives_by_prior_errors(&points, known.as_ref()),
         ball_count: setup.balls.balls.len(),
-        compared_variant_index: compared_index,
+        chi2_variant_index: compared_index,
         group_point_indices: &groups.point_indices,
-        weights: &weights,
+        whitening_matrices: &weights,
     };
     let u_mm = setup.balls.certificate_u_mm.unwrap_or_default();
     sources.push(sources::certificate_source(&model, u_mm));
@@ -69,10 +69,12 @@ pub fn build_estimate(
     sources.retain(|source| !source.is_zero());
     sources.extend(known.as_ref().and_then(|known| sources::prior_source(&model, known)));
     let best = &variants[compared_index.or_else(|| variant_index("N3")).unwrap_or(0)];
-    let measurement = |i: usize| (best.fit.deviations[i], 3 * i, mean_coordinate_u_mm(&weights[i]));
+    let measurement =
+        |i: usize| (best.certified_to_measured_fit.deviations[i], 3 * i, mean_coordinate_u_mm(&weights[i]));
     let solution = SolvedModel {
         model: &model,
-        weighted_residuals: &compared_index.map_or(Vec::new(), |_| model.weighted_residuals(&best.fit.deviations)),
+        weighted_residuals: &compared_index
+            .map_or(Vec::new(), |_| model.weighted_residuals(&best.certified_to_measured_fit.deviations)),
         has_declared_source_sizes: plan.probe.repeatability_um.is_some(),
         fit_quality: quality_of_fit(&points, best, compared_index.is_some())?,
         measurements: &compared_index.map_or(Vec::new(), |_| measurements_for_outlier_check(&observed, measurement)),
@@ -82,7 +84,7 @@ pub fn build_estimate(
     let mut estimate = identified.estimate(super::METHOD_NAME);
     // The deviations come first: those of N1 and of the best variant, then those of the other variants.
     estimate.parameters.rotate_right(2 * variants.len());
-    sort_shown_deviations_first(&mut estimate.parameters[..2 * variants.len()], [&variants[0], best]);
+    sort_plotted_deviations_first(&mut estimate.parameters[..2 * variants.len()], [&variants[0], best]);
     estimate.arrows = outputs::deviation_arrows(&setup, &observed, &points, [&variants[0], best]);
     estimate.functions.extend(variants.iter().map(outputs::deviation_histogram));
     Ok(Estimate {
@@ -97,7 +99,7 @@ pub fn build_estimate(
 }
 
 /// Puts the deviations of the `shown` variants first.
-fn sort_shown_deviations_first(parameters: &mut [Parameter], shown: [&DomeVariant; 2]) {
+fn sort_plotted_deviations_first(parameters: &mut [Parameter], shown: [&DomeVariant; 2]) {
     parameters.sort_by_key(|parameter| {
         let (name, statistic) = parameter.symbol.split_once('_').unwrap_or_default();
         let is_shown = shown.iter().any(|variant| variant.kind.name == name);
@@ -114,7 +116,7 @@ fn check_ball_count(observed: &ObservedBalls) -> Result<(), MethodRefusal> {
     )
 }
 
-fn point_weights(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<Matrix3<f64>> {
+fn point_whitening_matrices(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<Matrix3<f64>> {
     let weight = |(whitening, table_from_axes): (Matrix3<f64>, &Matrix3<f64>)| {
         whitening * table_from_axes.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     };
@@ -122,26 +124,30 @@ fn point_weights(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<
 }
 
 /// Rank and condition of the equations for stylus, translation and rotation, and the residuals of the variant. If the
-/// residuals are not compared with the declared sources (`is_compared` false), the degrees of freedom are 0.
-fn quality_of_fit(points: &MeasuredPoints, best: &DomeVariant, is_compared: bool) -> Result<FitQuality, IdentifyError> {
+/// residuals are not compared with the declared sources (`is_chi2_tested` false), the degrees of freedom are 0.
+fn quality_of_fit(
+    points: &MeasuredPoints,
+    best: &DomeVariant,
+    is_chi2_tested: bool,
+) -> Result<FitQuality, IdentifyError> {
     let stylus_derivatives = points.point_derivatives_by_stylus(&[]);
     let entry = |row: usize, column: usize| {
         let (i, k, j) = (row / 3, row % 3, column % 3);
         match column / 3 {
             0 => stylus_derivatives[i][(k, j)],
             1 => f64::from(u8::from(k == j)),
-            _ => best.fit.rotated_points_about_centroid[i].cross_matrix()[(k, j)],
+            _ => best.certified_to_measured_fit.rotated_points_about_centroid[i].cross_matrix()[(k, j)],
         }
     };
     let design = Mat::from_fn(3 * points.point_count(), STYLUS_AND_POSE_UNKNOWN_COUNT, entry);
     let survey = analyse_rank(design.as_ref(), None, RANK_THRESHOLD)
         .map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
-    let coordinates: Vec<f64> = best.fit.deviations.iter().flatten().copied().collect();
+    let coordinates: Vec<f64> = best.certified_to_measured_fit.deviations.iter().flatten().copied().collect();
     Ok(FitQuality {
         rank: survey.rank,
         unknown_count: STYLUS_AND_POSE_UNKNOWN_COUNT,
         condition_number: survey.condition,
-        dof: if is_compared { (3 * points.point_count()).saturating_sub(STYLUS_AND_POSE_UNKNOWN_COUNT) } else { 0 },
+        dof: if is_chi2_tested { (3 * points.point_count()).saturating_sub(STYLUS_AND_POSE_UNKNOWN_COUNT) } else { 0 },
         residual_rms_mm: rms(&coordinates),
     })
 }

@@ -43,12 +43,12 @@ impl RegisteredMethod for BallDome {
         required_setup: "a ball artefact with calibrated positions, such as a ball dome",
         results: "deviation of the measured ball positions from their certificate: without correction and, given a \
             SAMBA estimate, with correction of the machine errors",
-        machine_file: "ball-dome.toml",
+        default_machine_file: "ball-dome.toml",
         source: "H. Hashemiboroujeni, S. Esmaeili Marzdashti, K. Xing, J. R. R. Mayer: Five-axis machine tool \
                 coordinate metrology evaluation using the ball dome artefact before and after machine \
                 calibration. J. Manuf. Mater. Process. 3 (2019) 20",
         symbol_names: symbol_names::SYMBOL_NAMES,
-        has_passes: false,
+        has_cycle_passes: false,
     };
 
     fn new(settings: BallDomeSettings) -> Self {
@@ -68,7 +68,7 @@ impl Method for BallDome {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        let (watch_min, measure_min) = (self.settings.watch_min, machine_s / 60.0);
+        let (watch_min, measure_min) = (self.settings.rest_check_min, machine_s / 60.0);
         let time = match watch_min > 0.0 {
             true => format!(
                 "about {:.0} min: {measure_min:.0} min of measurement, after a rest check of at least \

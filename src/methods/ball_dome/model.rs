@@ -15,11 +15,11 @@ pub struct DomeModel<'a> {
     pub point_derivatives_by_prior_errors: &'a [Vec<Vector3<f64>>],
     pub ball_count: usize,
     /// Index of the variant whose deviations are compared with the declared sources. `None`: no variant is compared.
-    pub compared_variant_index: Option<usize>,
+    pub chi2_variant_index: Option<usize>,
     /// Indices of the points of each group. The mean deviation of a group is a result of each variant.
     pub group_point_indices: &'a [Vec<usize>],
     /// Weight of each point: from its deviation in the table frame to weighted residuals.
-    pub weights: &'a [Matrix3<f64>],
+    pub whitening_matrices: &'a [Matrix3<f64>],
 }
 
 impl DomeModel<'_> {
@@ -68,7 +68,7 @@ impl DomeModel<'_> {
     pub fn result_values(&self, change: &[f64]) -> Vec<f64> {
         let changes = self.deviation_and_stylus_changes_of_variants(change);
         let norms = |(variant, (moved, _)): (&DomeVariant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
-            let deviations = variant.fit.deviations.iter().zip(moved);
+            let deviations = variant.certified_to_measured_fit.deviations.iter().zip(moved);
             deviations.map(|(d, by)| (d + by).norm()).collect()
         };
         let norms: Vec<Vec<f64>> = self.variants.iter().zip(&changes).map(norms).collect();
@@ -95,7 +95,7 @@ impl DomeModel<'_> {
     }
 
     pub fn weighted_residuals(&self, deviations: &[Vector3<f64>]) -> Vec<f64> {
-        let rows = self.weights.iter().zip(deviations).map(|(weight, d)| weight * d);
+        let rows = self.whitening_matrices.iter().zip(deviations).map(|(weight, d)| weight * d);
         rows.flat_map(|row| [row.x, row.y, row.z]).collect()
     }
 }
@@ -119,7 +119,7 @@ impl ObservationModel for DomeModel<'_> {
         let mut unknowns = Vec::with_capacity(self.unknown_count());
         let mut means = Vec::new();
         for (variant, (moved, _)) in self.variants.iter().zip(&changes) {
-            let deviations = &variant.fit.deviations;
+            let deviations = &variant.certified_to_measured_fit.deviations;
             let along = |(d, by): (&Vector3<f64>, &Vector3<f64>)| d.dot(by) / d.norm().max(f64::MIN_POSITIVE);
             let largest = deviations.iter().zip(moved).max_by(|a, b| a.0.norm().total_cmp(&b.0.norm()));
             unknowns.push(largest.map_or(0.0, along));
@@ -131,8 +131,7 @@ impl ObservationModel for DomeModel<'_> {
             unknowns.extend(variant.has_fitted_stylus().then_some(*stylus).iter().flatten());
         }
         unknowns.extend(means);
-        let residuals =
-            self.compared_variant_index.map_or(Vec::new(), |index| self.weighted_residuals(&changes[index].0));
+        let residuals = self.chi2_variant_index.map_or(Vec::new(), |index| self.weighted_residuals(&changes[index].0));
         LinearResponse { unknown_changes: unknowns, residual_changes: residuals }
     }
 

@@ -8,7 +8,7 @@ use super::measured_points::MeasuredPoints;
 use super::model::DomeModel;
 use super::variant::DomeVariant;
 use crate::ball_measurement::{
-    BallCentre, MeasurementPass, MeasurementSetup, ObservedBalls, describe_rotary_axes_in_degrees,
+    BallCentre, MeasurementPurpose, MeasurementSetup, ObservedBalls, describe_rotary_axes_in_degrees,
 };
 use crate::identification::{
     Identification, IdentificationOutputs, MisfitAdvice, NonlinearOutputs, ObservationModel as _, OutputCurve,
@@ -31,7 +31,7 @@ pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Ident
     let values = model.result_values(&vec![0.0; model.observation_count()]);
     let names = model.variants.iter().flat_map(|v| ["max", "mean"].map(|of| format!("{}_{of}", v.kind.name)));
     let deviation =
-        |(symbol, value): (String, &f64)| OutputParameter { symbol, unit: Unit::Um, value: *value, slope: None };
+        |(symbol, value): (String, &f64)| OutputParameter { symbol, unit: Unit::Um, value: *value, linear_slope: None };
     let deviations: Vec<OutputParameter> = names.zip(&values).map(deviation).collect();
     let count = deviations.len();
     let with_stylus = model.variants.iter().filter(|variant| variant.has_fitted_stylus());
@@ -57,7 +57,7 @@ pub struct MeasurementGroups {
 
 impl MeasurementGroups {
     pub fn from_observed(observed: &ObservedBalls) -> Self {
-        let slow = || observed.centres.iter().enumerate().filter(|(_, c)| c.label.pass == MeasurementPass::Slow);
+        let slow = || observed.centres.iter().enumerate().filter(|(_, c)| c.label.purpose == MeasurementPurpose::Slow);
         let group = |key: fn(&BallCentre) -> usize| -> Vec<Vec<usize>> {
             let count = slow().map(|(_, centre)| key(centre) + 1).max().unwrap_or(0);
             let mut groups = vec![Vec::new(); count];
@@ -95,7 +95,7 @@ fn group_mean_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: 
 
 /// Deviations of all measurements, as a histogram.
 pub fn deviation_histogram(variant: &DomeVariant) -> EstimatedFunction {
-    let norms = variant.fit.deviations.iter().map(|deviation| deviation.norm());
+    let norms = variant.certified_to_measured_fit.deviations.iter().map(|deviation| deviation.norm());
     let symbol = format!("{}_deviation", variant.kind.name);
     EstimatedFunction {
         figure: FunctionFigureKind::Histogram,
@@ -114,7 +114,10 @@ pub fn deviation_arrows(
         let arrow = |i: usize| FigureArrow {
             label: setup.balls.balls[points.ball_indices[i]].id.clone(),
             at_mm: points.certified_positions_mm[i].into(),
-            vector: (variant.fit.rotation.inverse() * variant.fit.deviations[i] * 1e3).into(),
+            vector: (variant.certified_to_measured_fit.rotation.inverse()
+                * variant.certified_to_measured_fit.deviations[i]
+                * 1e3)
+                .into(),
             modelled: None,
             flagged: false,
         };

@@ -23,7 +23,8 @@ pub struct BallDomeSettings {
     pub references: bool,
     /// Minimum duration of the rest check before the run, min: one ball is measured repeatedly until the machine creeps
     /// no faster than the declared `drift_um_per_h`; 0: no rest check.
-    pub watch_min: f64,
+    #[serde(rename = "watch_min")]
+    pub rest_check_min: f64,
     /// Clearance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
     /// Maximum travel of a slow touch beyond the expected contact, mm.
@@ -47,7 +48,7 @@ impl Default for BallDomeSettings {
             find: SearchMode::Once,
             touches: 5,
             references: true,
-            watch_min: 0.0,
+            rest_check_min: 0.0,
             standoff_mm: 0.5,
             search_mm: 1.0,
             form_limit_um: 15.0,
@@ -63,7 +64,7 @@ impl BallDomeSettings {
             search_mode: self.find,
             touch_count: self.touches,
             has_references: self.references,
-            min_rest_check_s: 60.0 * self.watch_min,
+            min_rest_check_s: 60.0 * self.rest_check_min,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
             form_hold_limit_mm: self.form_limit_um * 1e-3,

@@ -2,7 +2,7 @@
 
 use super::model::DomeModel;
 use crate::ball_measurement::{
-    ObservedBalls, certified_source, effect_of_nonzero_spans, kinematic_sources, touch_sources,
+    ObservedBalls, angular_and_rotary_motion_sources, certified_size_source, effect_of_nonzero_spans, touch_sources,
 };
 use crate::identification::{
     KnownErrors, ObservationEffect, ObservationModel as _, ObservationSpanChange, UncertaintySource, slope_of_unknown,
@@ -14,7 +14,7 @@ use machine::record::plan::Plan;
 /// Sources of the readings alone; the weights follow from them.
 pub fn reading_sources(plan: &Plan, chain: &KinematicChain, observed: &ObservedBalls) -> Vec<UncertaintySource> {
     let mut sources = touch_sources(plan, observed);
-    sources.extend(kinematic_sources(plan, chain, observed));
+    sources.extend(angular_and_rotary_motion_sources(plan, chain, observed));
     sources.retain(|source| source.draw_count() > 0);
     sources
 }
@@ -26,7 +26,7 @@ pub fn certificate_source(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource
         first_index: model.first_certified_observation_index(0) + k,
         changes_mm: vec![u_mm],
     };
-    certified_source("certificate of the balls", effect_of_nonzero_spans((0..coordinates).map(span)))
+    certified_size_source("certificate of the balls", effect_of_nonzero_spans((0..coordinates).map(span)))
 }
 
 /// Source of the artefact temperature: all distances between the balls change by the same relative amount.
@@ -35,7 +35,7 @@ pub fn temperature_source(model: &DomeModel<'_>, balls: &Balls) -> UncertaintySo
     let coordinates = balls.balls.iter().flat_map(|ball| ball.centre_mm);
     let certified = column.iter_mut().skip(model.first_certified_observation_index(0));
     certified.zip(coordinates).for_each(|(change, mm)| *change = balls.relative_expansion_and_u()[1] * mm);
-    certified_source("temperature of the artefact", ObservationEffect::Joint(vec![column]))
+    certified_size_source("temperature of the artefact", ObservationEffect::Joint(vec![column]))
 }
 
 /// Source of the machine errors of the prior, with their covariance.

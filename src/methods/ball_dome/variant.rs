@@ -28,7 +28,7 @@ pub enum StylusSource {
     /// Fitted to the readings of all balls.
     AllBalls,
     /// Fitted together with the machine errors, minus the offset of the spindle in the prior.
-    ErrorAndStylusFit,
+    FittedWithMachineErrors,
 }
 
 pub const VARIANT_KINDS: [VariantKind; 7] = [
@@ -38,7 +38,7 @@ pub const VARIANT_KINDS: [VariantKind; 7] = [
     VariantKind { name: "S1", uses_calibrated_machine: true, stylus: StylusSource::Stated },
     VariantKind { name: "S2", uses_calibrated_machine: true, stylus: StylusSource::OneBall },
     VariantKind { name: "S3", uses_calibrated_machine: true, stylus: StylusSource::AllBalls },
-    VariantKind { name: "S4", uses_calibrated_machine: true, stylus: StylusSource::ErrorAndStylusFit },
+    VariantKind { name: "S4", uses_calibrated_machine: true, stylus: StylusSource::FittedWithMachineErrors },
 ];
 
 /// One variant evaluated: the rigid fit, whose residuals are the deviations of the balls from the certificate.
@@ -46,7 +46,7 @@ pub struct DomeVariant {
     pub kind: VariantKind,
     pub stylus: StylusEstimate,
     /// Fit of the certified positions to the measured ones, table frame, mm.
-    pub fit: RigidFit,
+    pub certified_to_measured_fit: RigidFit,
     /// Derivative of each point by the stylus.
     point_derivatives_by_stylus: Vec<Matrix3<f64>>,
 }
@@ -78,7 +78,12 @@ impl DomeVariant {
     pub fn new(kind: VariantKind, points: &MeasuredPoints, errors: &[ErrorTerm], stylus: StylusEstimate) -> Self {
         let measured_mm = points.table_positions_mm(errors, stylus.vector_mm);
         let fit = RigidFit::new(&points.certified_positions_mm, &measured_mm);
-        Self { kind, stylus, fit, point_derivatives_by_stylus: points.point_derivatives_by_stylus(errors) }
+        Self {
+            kind,
+            stylus,
+            certified_to_measured_fit: fit,
+            point_derivatives_by_stylus: points.point_derivatives_by_stylus(errors),
+        }
     }
 
     /// Whether the stylus is a result of the fit.
@@ -93,13 +98,14 @@ impl DomeVariant {
     ) -> (Vec<Vector3<f64>>, Vector3<f64>) {
         let mut moved = changes.points_mm.clone();
         let subtract_certified = |moved: &mut [Vector3<f64>]| {
-            let certified = changes.certified_positions_mm.iter().map(|change| self.fit.rotation * change);
+            let certified =
+                changes.certified_positions_mm.iter().map(|change| self.certified_to_measured_fit.rotation * change);
             moved.iter_mut().zip(certified).for_each(|(moved, change)| *moved -= change);
         };
         let add_errors = |moved: &mut [Vector3<f64>]| {
             moved.iter_mut().zip(&changes.points_by_prior_errors_mm).for_each(|(moved, change)| *moved += change);
         };
-        let is_fitted_with_errors = self.kind.stylus == StylusSource::ErrorAndStylusFit;
+        let is_fitted_with_errors = self.kind.stylus == StylusSource::FittedWithMachineErrors;
         if is_fitted_with_errors {
             subtract_certified(&mut moved);
         } else if self.kind.uses_calibrated_machine {
@@ -114,7 +120,7 @@ impl DomeVariant {
             subtract_certified(&mut moved)
         }
         moved.iter_mut().zip(&self.point_derivatives_by_stylus).for_each(|(moved, by)| *moved += by * stylus);
-        self.fit.subtract_rigid_motion(&mut moved);
+        self.certified_to_measured_fit.subtract_rigid_motion(&mut moved);
         (moved, stylus)
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::error_and_stylus_fit::fit_errors_and_stylus;
+use super::error_and_stylus_fit::fit_machine_errors_and_stylus;
 use super::measured_points::MeasuredPoints;
 use super::stylus_gain::{stylus_change, stylus_gain};
 use super::variant::{DomeVariant, StylusEstimate, StylusSource, VARIANT_KINDS, VariantKind};
@@ -38,7 +38,7 @@ pub fn compute_variants(
                 "{}: the measured indexations do not determine {}",
                 kind.name,
                 match kind.stylus {
-                    StylusSource::ErrorAndStylusFit => "machine errors and stylus together",
+                    StylusSource::FittedWithMachineErrors => "machine errors and stylus together",
                     _ => "the stylus",
                 }
             )),
@@ -71,6 +71,6 @@ fn find_stylus(
         }),
         StylusSource::OneBall => of_balls(&|ball| ball == tool_ball),
         StylusSource::AllBalls => of_balls(&|_| true),
-        StylusSource::ErrorAndStylusFit => fit_errors_and_stylus(points, known?),
+        StylusSource::FittedWithMachineErrors => fit_machine_errors_and_stylus(points, known?),
     }
 }

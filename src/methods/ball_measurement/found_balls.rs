@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::artefact::ball_index;
 use super::setup::MeasurementSetup;
-use super::touch_label::{MeasurementPass, TouchLabel, touch_steps_with_labels};
+use super::touch_label::{MeasurementPurpose, TouchLabel, touch_steps_with_labels};
 use machine::Position;
 use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Step};
 use machine::record::reading::Reading;
@@ -35,11 +35,11 @@ impl FoundBalls {
     ) -> Self {
         // References and the watch repeat a visit whose result is already stored.
         let is_new = |measurement: &&BallReadings<'_>| {
-            matches!(measurement.label.pass, MeasurementPass::Find | MeasurementPass::Slow)
+            matches!(measurement.label.purpose, MeasurementPurpose::Find | MeasurementPurpose::Slow)
         };
         let centre = |measurement: &BallReadings<'_>| {
             let measured = measurement.fit_ball(setup)?.ok()?;
-            Some((measurement.ball_index, measurement.label.indexation_index, measured.centre_mm))
+            Some((measurement.ball_index, measurement.label.indexation_index, measured.centre_in_table_mm))
         };
         Self::from_centres(setup, all.into_iter().filter(is_new).filter_map(centre))
     }
@@ -82,7 +82,7 @@ impl FoundBalls {
     /// stated uncertainty. A position found at another indexation deviates by up to twice the location errors of the
     /// rotary axes, which are not yet identified: the standoff of a slow touch is allowed for them, at most the stated
     /// uncertainty.
-    pub fn max_distance_from_expected_mm(&self, setup: &MeasurementSetup<'_>) -> f64 {
+    pub fn expected_centre_tolerance_mm(&self, setup: &MeasurementSetup<'_>) -> f64 {
         let stated = setup.balls.uncertainty_mm;
         if self.has_all_balls() { stated.min(setup.touch_settings.standoff_mm) } else { stated }
     }
@@ -114,7 +114,7 @@ pub fn group_readings_by_measurement<'a>(
     for (step, label) in touch_steps_with_labels(setup.plan) {
         let Some(ball) = ball_index(setup.balls, &label.ball) else { continue };
         let same = |other: &TouchLabel| {
-            (other.pass, other.indexation_index, &other.ball) == (label.pass, label.indexation_index, &label.ball)
+            (other.purpose, other.indexation_index, &other.ball) == (label.purpose, label.indexation_index, &label.ball)
         };
         if !all.last().is_some_and(|last| same(&last.label)) {
             all.push(BallReadings { label, ball_index: ball, steps: Vec::new(), readings: Vec::new() });

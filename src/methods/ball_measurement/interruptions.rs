@@ -16,19 +16,21 @@ use machine::record::plan::Plan;
 /// limit of the reference check. The whole limit counts as standard uncertainty: the distribution of the
 /// steps is unknown, and a step near the limit in all three axes is still covered.
 pub fn interruption_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
-    effect_of_nonzero_columns(plan.gaps_s.iter().flat_map(|gap_s| interruption_shift_columns(plan, centres, *gap_s)))
+    effect_of_nonzero_columns(
+        plan.interruption_times_s.iter().flat_map(|gap_s| interruption_shift_columns(plan, centres, *gap_s)),
+    )
 }
 
 /// Columns of the shift of the machine at one interruption; none unless there are measurements before and after it.
-fn interruption_shift_columns(plan: &Plan, centres: &[BallCentre], interruption_s: f64) -> Vec<Vec<f64>> {
+fn interruption_shift_columns(plan: &Plan, centres: &[BallCentre], interruption_time_s: f64) -> Vec<Vec<f64>> {
     let times = || centres.iter().map(|centre| centre.mean_time_s);
-    let before = times().filter(|t_s| *t_s <= interruption_s).reduce(f64::max);
-    let after = times().filter(|t_s| *t_s > interruption_s).reduce(f64::min);
+    let before = times().filter(|t_s| *t_s <= interruption_time_s).reduce(f64::max);
+    let after = times().filter(|t_s| *t_s > interruption_time_s).reduce(f64::min);
     let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
     let step = |axis: Axis| {
         let u = reference_shift_limit_mm(plan, axis, [before, after]);
         shift_column(
-            times().map(|t_s| if t_s > interruption_s { axis.nominal_direction() * u } else { Vector3::zeros() }),
+            times().map(|t_s| if t_s > interruption_time_s { axis.nominal_direction() * u } else { Vector3::zeros() }),
         )
     };
     Axis::LINEAR.into_iter().map(step).collect()

@@ -16,7 +16,11 @@ use machine::record::plan::Plan;
 
 /// Sources of the rotations of X, Y and Z, and of the rotary error motions. Both displace all touches of a
 /// measurement alike. A source that is zero has an empty effect.
-pub fn kinematic_sources(plan: &Plan, chain: &KinematicChain, observed: &ObservedBalls) -> [UncertaintySource; 2] {
+pub fn angular_and_rotary_motion_sources(
+    plan: &Plan,
+    chain: &KinematicChain,
+    observed: &ObservedBalls,
+) -> [UncertaintySource; 2] {
     let points: Vec<Vector3<f64>> = observed.centres.iter().map(|centre| centre.centre_axis_positions_mm).collect();
     let angular = angular_motion_patterns(plan, &points);
     let mut rotary = rotary_error_motions(plan, &DEFAULT_ROTARY_MOTION_ORDERS);

@@ -27,16 +27,16 @@ pub use indexations::{
     ConfiguredPositions, RotaryPositions, is_parallel_to_spindle, is_rotary_except_spindle, is_same_angle,
     list_indexations, tilts_spindle, tilts_table,
 };
-pub use kinematic_effects::{kinematic_sources, tip_derivative_by_stylus};
+pub use kinematic_effects::{angular_and_rotary_motion_sources, tip_derivative_by_stylus};
 pub use nominal_readings::nominal_readings;
 pub use observation_effects::{effect_of_nonzero_columns, effect_of_nonzero_spans, shift_column};
 pub use observe::{BallCentre, ObservedBalls, artefact_balls, observe_balls};
 pub use outlier_check_measurements::measurements_for_outlier_check;
 pub use path_order::order_balls_by_path;
 pub use setup::{BallVisit, MeasurementSetup, SearchMode, TouchSettings, describe_rotary_axes_in_degrees};
-pub use sources::{certified_source, touch_sources, whitening_matrices};
+pub use sources::{certified_size_source, touch_sources, whitening_matrices};
 pub use stages::{next_stage, visits_machine_time_s};
-pub use touch_label::MeasurementPass;
+pub use touch_label::MeasurementPurpose;
 #[cfg(test)]
 pub use touch_label::TouchLabel;
 pub use visit_cache::VisitCache;

@@ -1,6 +1,6 @@
 //! Nominal readings of a plan.
 
-use super::touch_label::{MeasurementPass, TouchLabel, touch_steps_with_labels};
+use super::touch_label::{MeasurementPurpose, TouchLabel, touch_steps_with_labels};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
@@ -8,7 +8,7 @@ use machine::record::reading::{Reading, ReadingFlag};
 /// standoff that is the same for all touches of a ball changes only the radius.
 pub fn nominal_readings(plan: &Plan, machine_time_s: f64) -> Vec<Reading> {
     let steps: Vec<(&Step, TouchLabel)> =
-        touch_steps_with_labels(plan).filter(|(_, label)| label.pass == MeasurementPass::Slow).collect();
+        touch_steps_with_labels(plan).filter(|(_, label)| label.purpose == MeasurementPurpose::Slow).collect();
     let interval_s = machine_time_s / steps.len().max(1) as f64;
     let reading = |(i, (step, _)): (usize, &(&Step, TouchLabel))| Reading {
         step: step.id,

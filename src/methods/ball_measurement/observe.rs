@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Matrix3, Vector3};
 
 use super::artefact::ball_index;
-use super::touch_label::{MeasurementPass, TouchLabel};
+use super::touch_label::{MeasurementPurpose, TouchLabel};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::sphere::{SphereError, fit_sphere};
 use machine::frame::unit_vector;
@@ -71,7 +71,7 @@ pub struct ObservedBalls {
 struct MeasurementKey {
     repeat: u32,
     indexation_index: u32,
-    pass: MeasurementPass,
+    purpose: MeasurementPurpose,
     ball: String,
 }
 
@@ -91,13 +91,13 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
             return Err(IdentifyError::DuplicateReading { step, repeat });
         }
         let label: TouchLabel = step.label.parse().map_err(|reason| wrong_plan_refusal(format!("{reason}")))?;
-        if matches!(label.pass, MeasurementPass::Find | MeasurementPass::Watch) {
+        if matches!(label.purpose, MeasurementPurpose::Find | MeasurementPurpose::RestCheck) {
             continue;
         }
         let visit = MeasurementKey {
             repeat: reading.repeat,
             indexation_index: label.indexation_index,
-            pass: label.pass,
+            purpose: label.purpose,
             ball: label.ball.clone(),
         };
         let touches = visits.entry(visit).or_default();
@@ -127,7 +127,7 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
 /// repeated after a stop is a reference check and replaces no other measurement.
 fn remove_superseded_measurements<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String> {
     let ordinary = |visit: &&MeasurementKey| visit.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP;
-    let key = |visit: &MeasurementKey| (visit.pass, visit.indexation_index, visit.ball.clone());
+    let key = |visit: &MeasurementKey| (visit.purpose, visit.indexation_index, visit.ball.clone());
     // The keys come in the order of repeats: of equal keys, the last repeat remains.
     let newest: BTreeMap<_, u32> = visits.keys().filter(ordinary).map(|visit| (key(visit), visit.repeat)).collect();
     let mut left_out = Vec::new();

@@ -6,15 +6,15 @@ use nalgebra::Vector3;
 use super::found_balls::group_readings_by_measurement;
 use super::setup::MeasurementSetup;
 use super::stage_review::continuation_advice;
-use super::touch_label::{MeasurementPass, touch_steps_with_labels};
+use super::touch_label::{MeasurementPurpose, touch_steps_with_labels};
 use crate::MethodRefusal;
 use crate::identification::declared_sources::drift_rate_sd_mm_per_s;
 use machine::record::reading::Reading;
 
 /// Minimum number of rounds for the creep rate and its scatter.
-const MIN_WATCH_ROUNDS: usize = 5;
+const MIN_REST_CHECK_ROUNDS: usize = 5;
 /// Maximum duration of the watch, as a multiple of the requested duration.
-const MAX_WATCH_DURATION_RATIO: f64 = 6.0;
+const MAX_REST_CHECK_DURATION_RATIO: f64 = 6.0;
 
 /// Creep rate of the ball along one axis.
 #[derive(Debug, Clone, Copy)]
@@ -29,25 +29,25 @@ struct Creep {
 /// machine creeps no faster than declared.
 ///
 /// # Errors
-/// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times the requested duration. A resumed run starts the
-/// rest check again.
-pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
+/// The machine still creeps after [`MAX_REST_CHECK_DURATION_RATIO`] times the requested duration. A resumed run starts
+/// the rest check again.
+pub fn needs_rest_check_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
     let watch_s = setup.touch_settings.min_rest_check_s;
     // The watch ends when the measurement begins, also for a resumed run.
     if watch_s <= 0.0 || has_measurement_begun(setup) {
         return Ok(false);
     }
-    let resumed_s = setup.plan.gaps_s.last().copied().unwrap_or(f64::NEG_INFINITY);
-    let rounds = watch_round_times_and_centres(setup, readings, resumed_s);
+    let resumed_s = setup.plan.interruption_times_s.last().copied().unwrap_or(f64::NEG_INFINITY);
+    let rounds = rest_check_round_times_and_centres(setup, readings, resumed_s);
     let (Some((first_s, _)), Some((last_s, _))) = (rounds.first(), rounds.last()) else {
         return Ok(true);
     };
     let watched_s = last_s - first_s;
-    if watched_s < watch_s || rounds.len() < MIN_WATCH_ROUNDS {
+    if watched_s < watch_s || rounds.len() < MIN_REST_CHECK_ROUNDS {
         return Ok(true);
     }
     let older = rounds.partition_point(|(t_s, _)| last_s - t_s > watch_s);
-    let newest = &rounds[older.min(rounds.len() - MIN_WATCH_ROUNDS)..];
+    let newest = &rounds[older.min(rounds.len() - MIN_REST_CHECK_ROUNDS)..];
     // The declared rate is a standard deviation; k = 2.
     let allowed = 2.0 * drift_rate_sd_mm_per_s(setup.plan);
     // If the uncertainty of the rate exceeds the limit, the machine is not confirmed at rest. All rounds together give
@@ -58,7 +58,7 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
     let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
     let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
     MethodRefusal::require(
-        watched_s < MAX_WATCH_DURATION_RATIO * watch_s,
+        watched_s < MAX_REST_CHECK_DURATION_RATIO * watch_s,
         format!(
             "the machine is not confirmed at rest: after {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h \
             along {}, and the limit from drift_um_per_h is {:.1} µm/h",
@@ -78,21 +78,21 @@ pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> 
 }
 
 fn has_measurement_begun(setup: &MeasurementSetup<'_>) -> bool {
-    touch_steps_with_labels(setup.plan).any(|(_, label)| label.pass == MeasurementPass::Slow)
+    touch_steps_with_labels(setup.plan).any(|(_, label)| label.purpose == MeasurementPurpose::Slow)
 }
 
 /// Time, s, and centre, mm, of each round since the run was resumed.
-fn watch_round_times_and_centres(
+fn rest_check_round_times_and_centres(
     setup: &MeasurementSetup<'_>,
     readings: &[Reading],
     resumed_s: f64,
 ) -> Vec<(f64, Vector3<f64>)> {
     let all = group_readings_by_measurement(setup, readings);
-    let of_watch = all.iter().filter(|measurement| measurement.label.pass == MeasurementPass::Watch);
+    let of_watch = all.iter().filter(|measurement| measurement.label.purpose == MeasurementPurpose::RestCheck);
     let round = of_watch.filter_map(|measurement| {
         let measured = measurement.fit_ball(setup)?.ok()?;
         let times = measurement.readings.iter().map(|reading| reading.t_s);
-        Some((times.sum::<f64>() / measurement.readings.len() as f64, measured.centre_mm))
+        Some((times.sum::<f64>() / measurement.readings.len() as f64, measured.centre_in_table_mm))
     });
     round.filter(|(t_s, _)| *t_s > resumed_s).collect()
 }

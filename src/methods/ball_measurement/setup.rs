@@ -58,7 +58,7 @@ pub struct TouchSettings {
     pub diameter_deviation_hold_limit_mm: f64,
 }
 
-const MAX_WATCH_S: f64 = 7200.0;
+const MAX_MIN_REST_CHECK_S: f64 = 7200.0;
 pub const UNREACHABLE_BALL_REMEDY: &str = "remove the position from tilt_deg and turn_deg, or place the ball elsewhere";
 
 impl TouchSettings {
@@ -76,7 +76,7 @@ impl TouchSettings {
             "choose touches = 5, or 15 for a form check",
         )?;
         MethodRefusal::require(
-            (0.0..=MAX_WATCH_S).contains(&self.min_rest_check_s),
+            (0.0..=MAX_MIN_REST_CHECK_S).contains(&self.min_rest_check_s),
             "watch_min must be 0 to 120",
             "choose watch_min = 10, or 0 to start without a rest check",
         )?;

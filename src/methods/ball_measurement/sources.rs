@@ -29,7 +29,7 @@ pub fn whitening_matrices(sources: &[UncertaintySource], centre_count: usize) ->
 }
 
 /// A source of certified size. Its error changes many observations together, so few residuals contain it.
-pub fn certified_source(name: &str, effect: ObservationEffect) -> UncertaintySource {
+pub fn certified_size_source(name: &str, effect: ObservationEffect) -> UncertaintySource {
     UncertaintySource {
         residual_treatment: ResidualTreatment::InExpectedChi2,
         is_in_weights: false,

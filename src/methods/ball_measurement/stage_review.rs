@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::found_balls::{BallReadings, FoundBalls, group_readings_by_measurement};
 use super::setup::{MeasurementSetup, describe_rotary_axes_in_degrees};
-use super::touch_label::MeasurementPass;
+use super::touch_label::MeasurementPurpose;
 use crate::MethodRefusal;
 use machine::Axis;
 use machine::record::plan::{Stage, StepKind};
@@ -27,7 +27,7 @@ pub fn review_stage(
     for measurement in all.iter().filter(of_stage) {
         // After a stop the operator has checked the ball and may have cleaned it.
         let newest_s = measurement.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
-        let is_resumed_since = setup.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
+        let is_resumed_since = setup.plan.interruption_times_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
         let doubt = match find_measurement_fault(setup, measurement) {
             Some(fault) if last.repeat > 0 => Some(repeated_fault_refusal(setup, &fault)),
             Some(_) => None,
@@ -56,7 +56,7 @@ fn find_measurement_fault(setup: &MeasurementSetup<'_>, measurement: &BallReadin
         max_form_mm: setup.touch_settings.form_hold_limit_mm,
         max_diameter_deviation_mm: setup.touch_settings.diameter_deviation_hold_limit_mm,
     };
-    let slow = measurement.label.pass != MeasurementPass::Find;
+    let slow = measurement.label.purpose != MeasurementPurpose::Find;
     slow.then(|| measured.check_form_and_diameter(&measurement.label.ball, stated_mm, &limits).err()).flatten()
 }
 
@@ -96,16 +96,17 @@ fn check_ball_position(
     else {
         return Ok(());
     };
-    if measurement.label.pass != MeasurementPass::Find {
+    if measurement.label.purpose != MeasurementPurpose::Find {
         return Ok(());
     }
     // When a stage is planned, its own results are not yet known.
-    let stage = |of: &BallReadings<'_>| (of.label.pass, of.label.indexation_index);
+    let stage = |of: &BallReadings<'_>| (of.label.purpose, of.label.indexation_index);
     let before = all.iter().take_while(|other| stage(other) != stage(measurement));
     let known = FoundBalls::from_measurements(setup, before);
     let stated = Vector3::from(ball.centre_mm);
     let expected = known.expected_centre(setup, measurement.ball_index, measurement.label.indexation_index as usize);
-    let (away, limit) = (measured.centre_mm.metric_distance(&expected), known.max_distance_from_expected_mm(setup));
+    let (away, limit) =
+        (measured.centre_in_table_mm.metric_distance(&expected), known.expected_centre_tolerance_mm(setup));
     if away <= limit {
         return Ok(());
     }

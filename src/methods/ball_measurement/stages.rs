@@ -2,10 +2,10 @@
 //! stage.
 
 use super::found_balls::{FoundBalls, group_readings_by_measurement};
-use super::rest_check::needs_watch_round;
+use super::rest_check::needs_rest_check_round;
 use super::setup::{BallVisit, MeasurementSetup, SearchMode, describe_rotary_axes_in_degrees};
 use super::stage_review::review_stage;
-use super::touch_label::{MeasurementPass, TouchLabel, touch_steps_with_labels};
+use super::touch_label::{MeasurementPurpose, TouchLabel, touch_steps_with_labels};
 use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
@@ -15,7 +15,7 @@ use planning::plan_blocks_and_time_s_by_stage;
 /// A stage to be planned: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]
 struct StageRequest {
-    pass: MeasurementPass,
+    purpose: MeasurementPurpose,
     /// Zero-based index in the labels: of the visit, or of the round of a reference or a rest check.
     label_index: usize,
     /// Index of the visit that gives the indexation.
@@ -42,10 +42,10 @@ pub fn next_stage(
                 return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
             }
             let measurements = group_readings_by_measurement(setup, readings);
-            (FoundBalls::from_measurements(setup, &measurements), needs_watch_round(setup, readings)?)
+            (FoundBalls::from_measurements(setup, &measurements), needs_rest_check_round(setup, readings)?)
         }
     };
-    let requests = list_stage_requests(setup, visits, planned_watch_round_count(setup) + usize::from(one_more));
+    let requests = list_stage_requests(setup, visits, planned_rest_check_round_count(setup) + usize::from(one_more));
     let passed = done.iter().filter(|stage| stage.repeat == 0).count();
     let Some(request) = requests.get(passed) else { return Ok(NextStage::NoFurtherStage) };
     let (stage, new_steps) = build_stage(setup, visits, request, &known, id)?;
@@ -66,8 +66,8 @@ fn build_repeat_stage(
 }
 
 /// Number of watch rounds in the plan so far.
-fn planned_watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
-    let watch = touch_steps_with_labels(setup.plan).filter(|(_, label)| label.pass == MeasurementPass::Watch);
+fn planned_rest_check_round_count(setup: &MeasurementSetup<'_>) -> usize {
+    let watch = touch_steps_with_labels(setup.plan).filter(|(_, label)| label.purpose == MeasurementPurpose::RestCheck);
     watch.map(|(_, label)| label.indexation_number()).max().unwrap_or(0) as usize
 }
 
@@ -76,7 +76,7 @@ fn planned_watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
 fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch_rounds: usize) -> Vec<StageRequest> {
     let searches = choose_search_visits(visits);
     let request = |pass, number: usize, balls: &[usize]| StageRequest {
-        pass,
+        purpose: pass,
         label_index: number,
         visit_index: number,
         ball_indices: balls.to_vec(),
@@ -86,23 +86,29 @@ fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch
         .iter()
         .map(|(visit, new)| {
             let all = visits.get(*visit).map_or(new, |visit| if every { &visit.ball_indices } else { new });
-            request(MeasurementPass::Find, *visit, all)
+            request(MeasurementPurpose::Find, *visit, all)
         })
         .collect();
-    let repeated = |pass: MeasurementPass, number: usize| {
+    let repeated = |pass: MeasurementPurpose, number: usize| {
         let (visit, balls) = searches.first()?;
-        Some(StageRequest { pass, label_index: number, visit_index: *visit, ball_indices: vec![*balls.first()?] })
+        Some(StageRequest {
+            purpose: pass,
+            label_index: number,
+            visit_index: *visit,
+            ball_indices: vec![*balls.first()?],
+        })
     };
-    let reference = |round| repeated(MeasurementPass::Reference, round).filter(|_| setup.touch_settings.has_references);
+    let reference =
+        |round| repeated(MeasurementPurpose::Reference, round).filter(|_| setup.touch_settings.has_references);
     requests.extend(reference(0));
-    requests.extend((0..watch_rounds).filter_map(|round| repeated(MeasurementPass::Watch, round)));
+    requests.extend((0..watch_rounds).filter_map(|round| repeated(MeasurementPurpose::RestCheck, round)));
     for (number, visit) in visits.iter().enumerate() {
         if number > 0 && number == visits.len() / 2 {
             requests.extend(reference(1));
         }
-        let mut slow = request(MeasurementPass::Slow, number, &visit.ball_indices);
+        let mut slow = request(MeasurementPurpose::Slow, number, &visit.ball_indices);
         if every && !searches.iter().any(|(searched, _)| *searched == number) {
-            requests.push(request(MeasurementPass::Find, number, &visit.ball_indices));
+            requests.push(request(MeasurementPurpose::Find, number, &visit.ball_indices));
             // The slow measurement takes the path of the search backwards.
             slow.ball_indices.reverse();
         }
@@ -159,8 +165,8 @@ fn build_stage(
     known: &FoundBalls,
     id: u32,
 ) -> Result<(Stage, Vec<Step>), MethodRefusal> {
-    let steps = match request.pass {
-        MeasurementPass::Reference | MeasurementPass::Watch if request.label_index > 0 => {
+    let steps = match request.purpose {
+        MeasurementPurpose::Reference | MeasurementPurpose::RestCheck if request.label_index > 0 => {
             repeat_first_round_steps(setup, request)
         }
         _ => plan_touch_steps(setup, visits, request, known)?,
@@ -180,14 +186,18 @@ fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], request: &Stag
     let at = visits
         .get(request.visit_index)
         .map_or(String::new(), |visit| describe_rotary_axes_in_degrees(&visit.rotary_position));
-    match request.pass {
-        MeasurementPass::Find | MeasurementPass::Slow => {
-            let action = if request.pass == MeasurementPass::Find { "find" } else { "measure" };
+    match request.purpose {
+        MeasurementPurpose::Find | MeasurementPurpose::Slow => {
+            let action = if request.purpose == MeasurementPurpose::Find { "find" } else { "measure" };
             format!("{action} at {at} ({} of {})", request.label_index + 1, visits.len())
         }
-        MeasurementPass::Watch | MeasurementPass::Reference => {
+        MeasurementPurpose::RestCheck | MeasurementPurpose::Reference => {
             let ball = request.ball_indices.first().and_then(|ball| setup.balls.balls.get(*ball));
-            let what = if request.pass == MeasurementPass::Watch { "rest check of the machine" } else { "reference" };
+            let what = if request.purpose == MeasurementPurpose::RestCheck {
+                "rest check of the machine"
+            } else {
+                "reference"
+            };
             format!("{what}: ball {}", ball.map_or("", |ball| &ball.id))
         }
     }
@@ -207,14 +217,16 @@ fn plan_touch_steps(
         let Some(ball) = setup.balls.balls.get(*index) else { continue };
         let centre_mm = known.expected_centre(setup, *index, request.visit_index).into();
         let expected = Ball { centre_mm, ..ball.clone() };
-        let mode = match request.pass {
-            MeasurementPass::Find => setup.search_touch_mode(known.max_distance_from_expected_mm(setup)),
-            MeasurementPass::Slow | MeasurementPass::Watch | MeasurementPass::Reference => setup.slow_touch_mode(),
+        let mode = match request.purpose {
+            MeasurementPurpose::Find => setup.search_touch_mode(known.expected_centre_tolerance_mm(setup)),
+            MeasurementPurpose::Slow | MeasurementPurpose::RestCheck | MeasurementPurpose::Reference => {
+                setup.slow_touch_mode()
+            }
         };
-        let kind = if request.pass == MeasurementPass::Reference { StepKind::Reference } else { StepKind::Touch };
+        let kind = if request.purpose == MeasurementPurpose::Reference { StepKind::Reference } else { StepKind::Touch };
         let label = |touch: &str| {
-            let (pass, indexation, touch) = (request.pass, request.label_index as u32, touch.to_owned());
-            TouchLabel { pass, indexation_index: indexation, ball: ball.id.clone(), touch }.to_string()
+            let (pass, indexation, touch) = (request.purpose, request.label_index as u32, touch.to_owned());
+            TouchLabel { purpose: pass, indexation_index: indexation, ball: ball.id.clone(), touch }.to_string()
         };
         let new = setup.ball_steps(
             &access,
@@ -223,7 +235,7 @@ fn plan_touch_steps(
             label,
         )?;
         let touch_order =
-            visit.slow_touch_orders_by_ball_index.get(index).filter(|_| request.pass == MeasurementPass::Slow);
+            visit.slow_touch_orders_by_ball_index.get(index).filter(|_| request.purpose == MeasurementPurpose::Slow);
         steps.extend(touch_order.copied().unwrap_or_default().apply(new));
     }
     Ok(steps)
@@ -231,7 +243,7 @@ fn plan_touch_steps(
 
 /// Steps of the first round of references or of the watch again, at exactly the same positions.
 fn repeat_first_round_steps(setup: &MeasurementSetup<'_>, request: &StageRequest) -> Vec<Step> {
-    let of_first = |(_, label): &(&Step, TouchLabel)| label.pass == request.pass && label.indexation_index == 0;
+    let of_first = |(_, label): &(&Step, TouchLabel)| label.purpose == request.purpose && label.indexation_index == 0;
     let renumbered = |(step, label): (&Step, TouchLabel)| {
         let label = TouchLabel { indexation_index: request.label_index as u32, ..label };
         Step { label: label.to_string(), ..step.clone() }
@@ -249,8 +261,8 @@ fn artefact_at_found_positions(
     if !known.has_all_balls() {
         return None;
     }
-    let uncertainty_mm = match request.pass {
-        MeasurementPass::Find => known.max_distance_from_expected_mm(setup),
+    let uncertainty_mm = match request.purpose {
+        MeasurementPurpose::Find => known.expected_centre_tolerance_mm(setup),
         _ => setup.touch_settings.found_position_tolerance_mm(),
     };
     let balls = setup.balls.balls.iter().enumerate().map(|(index, ball)| {

@@ -7,14 +7,14 @@ use machine::record::plan::{Plan, Step};
 
 /// Purpose of a touch of a ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum MeasurementPass {
+pub enum MeasurementPurpose {
     /// Fast touches to find the ball.
     Find,
     /// Slow touches along the normals, which are known by then. The identification uses them.
     Slow,
     /// As `Slow`, before the run, to check whether the machine is at rest. The identification does not use
     /// them.
-    Watch,
+    RestCheck,
     /// As `Slow`, to check whether the machine has moved. The identification uses them as well.
     Reference,
 }
@@ -23,7 +23,7 @@ pub enum MeasurementPass {
 /// measurement, with the same position of the rotary axes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TouchLabel {
-    pub pass: MeasurementPass,
+    pub purpose: MeasurementPurpose,
     /// Index of the visit's indexation, or of the round of a reference or of the watch, from 0. The text and the
     /// messages for users count from 1.
     pub indexation_index: u32,
@@ -32,11 +32,11 @@ pub struct TouchLabel {
     pub touch: String,
 }
 
-const PASS_NAMES: [(MeasurementPass, &str); 4] = [
-    (MeasurementPass::Find, "find"),
-    (MeasurementPass::Slow, "slow"),
-    (MeasurementPass::Watch, "watch"),
-    (MeasurementPass::Reference, "reference"),
+const PURPOSE_LABELS: [(MeasurementPurpose, &str); 4] = [
+    (MeasurementPurpose::Find, "find"),
+    (MeasurementPurpose::Slow, "slow"),
+    (MeasurementPurpose::RestCheck, "watch"),
+    (MeasurementPurpose::Reference, "reference"),
 ];
 
 impl TouchLabel {
@@ -59,7 +59,7 @@ pub fn touch_steps_with_labels(plan: &Plan) -> impl Iterator<Item = (&Step, Touc
 
 impl fmt::Display for TouchLabel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = PASS_NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
+        let name = PURPOSE_LABELS.iter().find(|(pass, _)| *pass == self.purpose).map_or("", |(_, name)| name);
         write!(f, "{name}/{:03}/{}/{}", self.indexation_number(), self.ball, self.touch)
     }
 }
@@ -75,9 +75,9 @@ impl FromStr for TouchLabel {
         let unknown = || InvalidTouchLabel(text.to_owned());
         let [pass, indexation, ball, touch] = text.split('/').collect::<Vec<_>>().try_into().map_err(|_| unknown())?;
         let number: u32 = indexation.parse().map_err(|_| unknown())?;
-        let named = PASS_NAMES.iter().find(|(_, name)| *name == pass);
+        let named = PURPOSE_LABELS.iter().find(|(_, name)| *name == pass);
         Ok(Self {
-            pass: named.ok_or_else(unknown)?.0,
+            purpose: named.ok_or_else(unknown)?.0,
             indexation_index: number.checked_sub(1).ok_or_else(unknown)?,
             ball: ball.to_owned(),
             touch: touch.to_owned(),

@@ -18,7 +18,7 @@ pub struct LargestCoefficientDifference {
     /// Difference of the coefficient, in its internal unit.
     pub difference: f64,
     /// Expanded uncertainty U of the coefficient (not of the difference), in its internal unit.
-    pub expanded: f64,
+    pub coefficient_expanded_uncertainty: f64,
 }
 
 impl LargestCoefficientDifference {
@@ -37,13 +37,13 @@ impl LargestCoefficientDifference {
         let worst = (0..other.len()).max_by(|i, j| share(*i).total_cmp(&share(*j))).unwrap_or(0);
         let symbol = layout.unknown_names(solved.plate.rotary_axis).swap_remove(worst);
         let unit = coefficient_unit(layout, worst);
-        Ok(Self { symbol, unit, difference: by(worst), expanded: expanded[worst] })
+        Ok(Self { symbol, unit, difference: by(worst), coefficient_expanded_uncertainty: expanded[worst] })
     }
 
     /// Warning if the difference exceeds U. Unequal weights alone cause less than U: if the weights vary by a
     /// factor of two, the standard deviation of a difference is 0.35 u; by a factor of four, 0.75 u.
     pub fn warning(&self) -> Option<String> {
-        (self.difference > self.expanded).then(|| {
+        (self.difference > self.coefficient_expanded_uncertainty).then(|| {
             format!(
                 "least squares over all visits and the four steps of paper 5 differ: {self}. Find the visits with \
                 large residual_rms and measure them again"
@@ -63,7 +63,7 @@ pub fn describe_cross_check(result: &Result<LargestCoefficientDifference, &'stat
 
 impl fmt::Display for LargestCoefficientDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { symbol, unit, difference: by, expanded } = self;
+        let Self { symbol, unit, difference: by, coefficient_expanded_uncertainty: expanded } = self;
         let [by, expanded] = [by, expanded].map(|value| unit.to_reported_value(*value));
         let unit = unit.symbol();
         write!(f, "largest difference {by:.3} {unit}, in {symbol} (U = {expanded:.3} {unit})")
@@ -93,7 +93,7 @@ fn check_four_steps_apply(solved: &SolvedRun<'_>) -> Result<(), &'static str> {
     let all = design.stops.len() * balls;
     let is_complete = visits.len() == all && measured.observations.len() == all;
     match () {
-        () if settings.values => Err("harmonics are required (values = false)"),
+        () if settings.value_per_stop => Err("harmonics are required (values = false)"),
         () if !is_even => Err("balls at equal angles are required, which leave some harmonics undetermined"),
         () if !is_complete => Err("each ball must be measured once at each stop"),
         () => Ok(()),

@@ -31,7 +31,7 @@ impl PlateDesign {
         let rising = settings.positions * settings.revolutions;
         let stop = |(i, number): (usize, &i64)| TableStop {
             angle: step * *number as f64,
-            approach_direction: if i < rising { 1.0 } else { -1.0 },
+            approach_sign: if i < rising { 1.0 } else { -1.0 },
         };
         let stops: Vec<TableStop> = numbers.iter().enumerate().map(stop).collect();
         let visit = |stop: &TableStop| {
@@ -39,13 +39,13 @@ impl PlateDesign {
             BallVisit::new(at, (0..plate.balls.balls.len()).collect())
         };
         let layout = UnknownsLayout {
-            angle_basis: match settings.values {
+            angle_basis: match settings.value_per_stop {
                 true => AngleBasis::ValuePerStop(stops.len()),
                 false => AngleBasis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics },
             },
-            has_reversal: settings.both_directions && !settings.values,
+            has_reversal: settings.both_directions && !settings.value_per_stop,
             // The values of a stop include the drift up to that stop.
-            drift_order: if settings.values { 0 } else { settings.drift_order },
+            drift_order: if settings.value_per_stop { 0 } else { settings.drift_order },
             interruption_count: 0,
             measuring_position_count: settings.positions,
             radial_directions: plate.radial_directions.clone(),

@@ -45,7 +45,7 @@ pub fn design_matrix(layout: &UnknownsLayout, stops: &[TableStop], observations:
             }
             if layout.has_reversal {
                 // The reversal value is the full difference between both directions.
-                set(layout.reversal_unknown_index(component), by * (0.5 * stop.approach_direction));
+                set(layout.reversal_unknown_index(component), by * (0.5 * stop.approach_sign));
             }
         }
         for (axis, along) in Axis::LINEAR.map(Axis::nominal_direction).into_iter().enumerate() {

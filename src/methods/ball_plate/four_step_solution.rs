@@ -82,7 +82,7 @@ fn fit_trigonometric_polynomials(
 ) -> Option<Vec<f64>> {
     let row = |(i, stop): (usize, &TableStop)| {
         let mut row = layout.angle_basis.function_values(stop.angle, i);
-        row.extend(layout.has_reversal.then_some(0.5 * stop.approach_direction));
+        row.extend(layout.has_reversal.then_some(0.5 * stop.approach_sign));
         row
     };
     let rows: Vec<Vec<f64>> = stops.iter().enumerate().map(row).collect();

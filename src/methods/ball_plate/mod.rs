@@ -47,11 +47,11 @@ impl RegisteredMethod for BallPlate {
         required_setup: "three or more uncalibrated balls on a circle about the rotary table",
         results: "six error motions of the rotary table over its angle, reversal, deviations of \
                 the linear axes along the circle, and deviations of the plate (shape of the ball pattern)",
-        machine_file: "ball-plate.toml",
+        default_machine_file: "ball-plate.toml",
         source: "Q. Wang, J. Miller, A. von Freyberg, N. Steffens, A. Fischer, G. Goch: Error mapping of rotary \
                 tables in 4-axis measuring devices using a ball plate artifact (2018)",
         symbol_names: symbol_names::SYMBOL_NAMES,
-        has_passes: false,
+        has_cycle_passes: false,
     };
 
     fn new(settings: BallPlateSettings) -> Self {

@@ -9,7 +9,7 @@ use super::equations::BallObservation;
 use super::plate::Plate;
 use super::settings::BallPlateSettings;
 use super::unknowns_layout::MOTION_COMPONENTS;
-use crate::ball_measurement::{BallCentre, MeasurementPass, ObservedBalls, observe_balls};
+use crate::ball_measurement::{BallCentre, MeasurementPurpose, ObservedBalls, observe_balls};
 use crate::{IdentifyError, MethodRefusal};
 use machine::frame::Point;
 use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain, KinematicsError};
@@ -38,7 +38,7 @@ pub fn observe_run(
     let mut observed = observe_balls(plan, readings)?;
     let stops = design.stops.len();
     observed.centres.retain(|centre| {
-        centre.label.pass == MeasurementPass::Slow && (centre.label.indexation_index as usize) < stops
+        centre.label.purpose == MeasurementPurpose::Slow && (centre.label.indexation_index as usize) < stops
     });
     let chain = KinematicChain::new(&plan.machine).map_err(MethodRefusal::from)?;
     let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
@@ -80,7 +80,7 @@ pub fn observe_run(
 /// Number of interruptions before each measurement. Only interruptions with measurements before and after
 /// them count.
 fn count_preceding_interruptions(plan: &Plan, centres: &[BallCentre]) -> Vec<usize> {
-    let gaps = |centre: &BallCentre| plan.gaps_s.iter().filter(|gap| centre.mean_time_s > **gap).count();
+    let gaps = |centre: &BallCentre| plan.interruption_times_s.iter().filter(|gap| centre.mean_time_s > **gap).count();
     let counts: Vec<usize> = centres.iter().map(gaps).collect();
     let distinct: BTreeSet<usize> = counts.iter().copied().collect();
     counts.iter().map(|count| distinct.range(..count).count()).collect()

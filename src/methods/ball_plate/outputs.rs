@@ -59,7 +59,8 @@ pub fn component_unit(component: Axis) -> Unit {
 fn build_parameters(solved: &SolvedRun<'_>) -> Vec<OutputParameter> {
     let (layout, axis, x) = (&solved.design.layout, solved.plate.rotary_axis, &solved.solution.x);
     // Separate values at the stops are reported as points of the curves, not as parameters.
-    let function_suffixes = if solved.settings.values { Vec::new() } else { layout.angle_basis.function_suffixes() };
+    let function_suffixes =
+        if solved.settings.value_per_stop { Vec::new() } else { layout.angle_basis.function_suffixes() };
     let mut parameters = Vec::new();
     for (k, component) in MOTION_COMPONENTS.into_iter().enumerate() {
         for (function, suffix) in function_suffixes.iter().enumerate() {
@@ -128,7 +129,7 @@ fn error_motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> Outp
         }
         slope
     };
-    let angles: Vec<f64> = match solved.settings.values {
+    let angles: Vec<f64> = match solved.settings.value_per_stop {
         true => solved.design.stops.iter().map(|stop| stop.angle).collect(),
         false => {
             // A sub-harmonic repeats after several revolutions.

@@ -22,7 +22,8 @@ pub struct BallPlateSettings {
     pub sub_harmonics: usize,
     /// Whether each error motion has a separate value at each stop instead of harmonics. Drift and reversal
     /// are then not fitted: they are part of the values, and drift is included in their U.
-    pub values: bool,
+    #[serde(rename = "values")]
+    pub value_per_stop: bool,
     /// Order of the polynomial in time that models the drift of X, Y and Z; 0: drift is not fitted.
     pub drift_order: usize,
     /// Whether the run may take more than four hours.
@@ -51,7 +52,7 @@ impl Default for BallPlateSettings {
             both_directions: true,
             harmonics: 8,
             sub_harmonics: 0,
-            values: false,
+            value_per_stop: false,
             drift_order: 3,
             long: false,
             touches: 5,

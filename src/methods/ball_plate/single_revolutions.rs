@@ -14,10 +14,10 @@ use machine::record::estimate::{EstimatedFunction, FunctionFigureKind, Unit};
 
 pub fn single_revolution_functions(solved: &SolvedRun<'_>) -> Vec<EstimatedFunction> {
     let residuals: Vec<Vector3<f64>> = solved.residuals().collect();
-    let mut all = linear_axis_functions(solved, &residuals);
+    let mut all = linear_axis_deviations_by_revolution(solved, &residuals);
     // Values at the stops already show every revolution.
-    if !solved.settings.values {
-        all.extend(error_motion_functions(solved, &residuals));
+    if !solved.settings.value_per_stop {
+        all.extend(error_motions_at_stops(solved, &residuals));
     }
     all
 }
@@ -39,7 +39,7 @@ fn angle_curve(
 }
 
 /// Deviations of X, Y and Z at the measuring positions, by revolution.
-fn linear_axis_functions(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> Vec<EstimatedFunction> {
+fn linear_axis_deviations_by_revolution(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> Vec<EstimatedFunction> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     let positions = solved.settings.positions;
     let revolutions = solved.design.stops.len().div_ceil(positions);
@@ -66,18 +66,18 @@ fn linear_axis_functions(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> 
 
 /// Error motions at the stops: the harmonics plus the residuals of the stop; rising commands first, then
 /// falling ones.
-fn error_motion_functions(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> Vec<EstimatedFunction> {
+fn error_motions_at_stops(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> Vec<EstimatedFunction> {
     let (layout, stops, x) = (&solved.design.layout, &solved.design.stops, &solved.solution.x);
     let axis = solved.plate.rotary_axis;
     let bodies = fit_rigid_bodies(&solved.measured.observations, residuals);
     let mut order: Vec<usize> = bodies.keys().copied().collect();
     order.sort_by(|a, b| {
         let [a, b] = [stops[*a], stops[*b]];
-        b.approach_direction.total_cmp(&a.approach_direction).then(a.angle.total_cmp(&b.angle))
+        b.approach_sign.total_cmp(&a.approach_sign).then(a.angle.total_cmp(&b.angle))
     });
     let of_component = |(k, component): (usize, Axis)| {
         let point = |stop: &usize| {
-            let TableStop { angle, approach_direction: direction } = stops[*stop];
+            let TableStop { angle, approach_sign: direction } = stops[*stop];
             let functions = layout.angle_basis.function_values(angle, *stop).into_iter().enumerate();
             let harmonics: f64 = functions.map(|(j, value)| value * x[layout.motion_unknown_index(k, j)]).sum();
             let reversal = if layout.has_reversal { x[layout.reversal_unknown_index(k)] } else { 0.0 };

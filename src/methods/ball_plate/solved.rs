@@ -47,7 +47,7 @@ impl<'a> SolvedRun<'a> {
         let measured = observe_run(plan, settings, plate, &design, readings)?;
         let interruptions =
             measured.observations.iter().map(|observation| observation.preceding_interruption_count).max();
-        design.layout.interruption_count = interruptions.filter(|_| !settings.values).unwrap_or(0);
+        design.layout.interruption_count = interruptions.filter(|_| !settings.value_per_stop).unwrap_or(0);
         let sources = uncertainty_sources(plan, &measured);
         let sigma = coordinate_sigmas(&sources, measured.observations.len());
         let names = design.layout.unknown_names(plate.rotary_axis);

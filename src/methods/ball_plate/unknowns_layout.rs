@@ -18,7 +18,7 @@ pub struct TableStop {
     /// Commanded angle, not wrapped, rad.
     pub angle: f64,
     /// +1 if the command rises towards the stop, −1 if it falls.
-    pub approach_direction: f64,
+    pub approach_sign: f64,
 }
 
 /// The unknowns and their order: error motions (component by component, function by function), reversal (one

@@ -71,7 +71,7 @@ pub fn check_runs(runs: &[MeasuredRun<'_>]) -> Result<(), CombinationRefusal> {
     if let Some(pair) = runs.windows(2).find(|pair| pair[0].number == pair[1].number) {
         return Err(CombinationRefusal::DuplicateRun(pair[0].number));
     }
-    others.iter().try_for_each(|run| check_statements(run, first))?;
+    others.iter().try_for_each(|run| check_same_machine_and_method(run, first))?;
     for run in runs {
         if run.estimate.verdict == Verdict::UndecidedModel {
             return Err(CombinationRefusal::ContradictedModel(run.number));
@@ -84,7 +84,7 @@ pub fn check_runs(runs: &[MeasuredRun<'_>]) -> Result<(), CombinationRefusal> {
 }
 
 /// Checks that both runs state the same machine, method, axes, stylus and compensations.
-fn check_statements(run: &MeasuredRun<'_>, first: &MeasuredRun<'_>) -> Result<(), CombinationRefusal> {
+fn check_same_machine_and_method(run: &MeasuredRun<'_>, first: &MeasuredRun<'_>) -> Result<(), CombinationRefusal> {
     let (number, plan, plan_of_first) = (run.number, run.plan, first.plan);
     let (machine, machine_of_first) = (&plan.machine, &plan_of_first.machine);
     let axes = |machine: &Machine| -> Vec<_> {

@@ -16,7 +16,7 @@ use machine::record::estimate::{
 };
 
 /// Name of the budget line for all sources that are independent in each run.
-const OWN_SOURCES_NAME: &str = "sources that differ from run to run";
+const RUN_SPECIFIC_SOURCES_LINE_NAME: &str = "sources that differ from run to run";
 
 /// The estimate. Its conventions and its provenance are those of the newest run. It has no functions and no figures,
 /// because the runs store no covariance for them. Rank, degrees of freedom and χ² are those of the combination; the
@@ -50,11 +50,11 @@ pub fn combined_estimate(
         chi2_per_dof: solution.chi2 / solution.dof as f64,
         verdict: if consistency.is_consistent() { Verdict::None } else { Verdict::UndecidedModel },
         decision_rule: None,
-        warnings: warnings(runs, consistency),
+        warnings: combination_warnings(runs, consistency),
         outliers: Vec::new(),
         measurement_checks: Vec::new(),
-        priors: priors(runs),
-        measured: measured_ranges(runs),
+        prior_hashes: distinct_priors(runs),
+        measured_ranges: measured_ranges(runs),
         source_effects: Vec::new(),
         ..newest.clone()
     }
@@ -64,10 +64,10 @@ fn combined_parameter(joint: &JointResults, solution: &JointSolution, unknown_in
     let unknown = &joint.rows.unknowns[unknown_index];
     let position = solution.position(unknown_index)?;
     let coefficients = solution.gain.row(position).transpose();
-    let VarianceAndDof { own, variance, dof } = joint.variance_and_dof(&coefficients);
+    let VarianceAndDof { run_specific_variance: own, variance, dof } = joint.variance_and_dof(&coefficients);
     let (u, k) = (variance.sqrt() * unknown.scale, coverage_factor(dof));
     let mut budget = vec![BudgetLine {
-        source: OWN_SOURCES_NAME.to_owned(),
+        source: RUN_SPECIFIC_SOURCES_LINE_NAME.to_owned(),
         u: own.sqrt() * unknown.scale,
         dof: Some(dof * (own / variance).powi(2)).filter(|dof| dof.is_finite()),
         ..BudgetLine::default()
@@ -124,7 +124,7 @@ fn list_runs(runs: &[i64]) -> String {
 }
 
 /// Warnings of the runs, and one for each run that contradicts others.
-fn warnings(runs: &[MeasuredRun<'_>], consistency: &Consistency) -> Vec<String> {
+fn combination_warnings(runs: &[MeasuredRun<'_>], consistency: &Consistency) -> Vec<String> {
     let disagreeing = consistency.disagreeing_runs.iter().map(|one| describe_disagreement(one, consistency));
     let of_runs = runs
         .iter()
@@ -142,8 +142,8 @@ fn describe_disagreement(one: &Disagreement, consistency: &Consistency) -> Strin
         deviation.run,
         list_runs(&one.others),
         deviation.symbol,
-        with_unit(deviation.by, deviation.unit),
-        with_unit(deviation.expanded, deviation.unit),
+        format_with_unit(deviation.by, deviation.unit),
+        format_with_unit(deviation.expanded, deviation.unit),
         deviation.normalized_error,
         consistency.chi2,
         consistency.degrees_of_freedom,
@@ -152,14 +152,14 @@ fn describe_disagreement(one: &Disagreement, consistency: &Consistency) -> Strin
 }
 
 /// The value with its unit. Lengths in mm are printed to 0.1 µm.
-fn with_unit(value: f64, unit: Unit) -> String {
+fn format_with_unit(value: f64, unit: Unit) -> String {
     let decimals = if unit == Unit::Mm { 4 } else { 2 };
     format!("{value:.decimals$} {}", unit.symbol())
 }
 
-fn priors(runs: &[MeasuredRun<'_>]) -> Vec<String> {
+fn distinct_priors(runs: &[MeasuredRun<'_>]) -> Vec<String> {
     let mut all: Vec<String> = Vec::new();
-    for prior in runs.iter().flat_map(|run| &run.estimate.priors) {
+    for prior in runs.iter().flat_map(|run| &run.estimate.prior_hashes) {
         if !all.contains(prior) {
             all.push(prior.clone());
         }
@@ -171,7 +171,7 @@ fn priors(runs: &[MeasuredRun<'_>]) -> Vec<String> {
 /// ranges of an axis do not overlap, only the range of the newest run: between two such ranges no run measured.
 fn measured_ranges(runs: &[MeasuredRun<'_>]) -> BTreeMap<Axis, [f64; 2]> {
     let mut ranges: BTreeMap<Axis, [f64; 2]> = BTreeMap::new();
-    for (axis, [low, high]) in runs.iter().rev().flat_map(|run| &run.estimate.measured) {
+    for (axis, [low, high]) in runs.iter().rev().flat_map(|run| &run.estimate.measured_ranges) {
         let range = ranges.entry(*axis).or_insert([*low, *high]);
         if *low <= range[1] && *high >= range[0] {
             *range = [range[0].min(*low), range[1].max(*high)];

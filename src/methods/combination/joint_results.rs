@@ -7,7 +7,7 @@ use super::joint_sources::{JointSource, joint_sources};
 use super::result_rows::{ResultRow, ResultRows};
 
 /// Minimum share of the standard uncertainty of a sum for a parameter to count in the degrees of freedom.
-const MIN_CONTRIBUTION: f64 = 0.01;
+const MIN_DOF_CONTRIBUTION_SHARE: f64 = 0.01;
 
 /// The parameters of all runs and their joint covariance, in the scales of the unknowns.
 pub struct JointResults {
@@ -16,7 +16,7 @@ pub struct JointResults {
     pub rows: ResultRows,
     pub sources: Vec<JointSource>,
     /// Covariance from all sources that are independent in each run.
-    own_covariance: DMatrix<f64>,
+    run_specific_covariance: DMatrix<f64>,
     /// Degrees of freedom of the parameter of each row.
     dofs: Vec<f64>,
     /// Joint covariance.
@@ -43,21 +43,25 @@ impl JointResults {
         });
         let dofs = rows.rows.iter().map(|row| dof_of_row(&rows, runs[row.run_index], row)).collect();
         let runs = runs.iter().map(|run| run.number).collect();
-        Self { runs, rows, sources, own_covariance, dofs, covariance }
+        Self { runs, rows, sources, run_specific_covariance: own_covariance, dofs, covariance }
     }
 
     /// Variance and degrees of freedom of the sum `coefficients`·values. The degrees of freedom are the smallest of the
     /// parameters that contribute: those of a sum of independent parts are not smaller (JCGM 100, G.4.1).
     pub fn variance_and_dof(&self, coefficients: &DVector<f64>) -> VarianceAndDof {
-        let own = coefficients.dot(&(&self.own_covariance * coefficients)).max(0.0);
+        let own = coefficients.dot(&(&self.run_specific_covariance * coefficients)).max(0.0);
         let shared: f64 = self.sources.iter().map(|source| source.changes.tr_mul(coefficients).norm_squared()).sum();
         let variance = own + shared;
         let contributes = |row: &usize| {
             let part = coefficients[*row].powi(2) * self.covariance[(*row, *row)];
-            part > MIN_CONTRIBUTION.powi(2) * variance
+            part > MIN_DOF_CONTRIBUTION_SHARE.powi(2) * variance
         };
         let rows = (0..self.dofs.len()).filter(contributes);
-        VarianceAndDof { own, variance, dof: rows.map(|row| self.dofs[row]).fold(f64::INFINITY, f64::min) }
+        VarianceAndDof {
+            run_specific_variance: own,
+            variance,
+            dof: rows.map(|row| self.dofs[row]).fold(f64::INFINITY, f64::min),
+        }
     }
 }
 
@@ -70,7 +74,7 @@ fn dof_of_row(rows: &ResultRows, run: MeasuredRun<'_>, row: &ResultRow) -> f64 {
 /// Variance of a sum of parameters.
 pub struct VarianceAndDof {
     /// Part from the sources that are independent in each run.
-    pub own: f64,
+    pub run_specific_variance: f64,
     pub variance: f64,
     /// Effective degrees of freedom.
     pub dof: f64,

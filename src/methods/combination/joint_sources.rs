@@ -23,8 +23,8 @@ pub struct JointSource {
     pub changes: DMatrix<f64>,
 }
 
-/// All sources that the runs may share. A statement that differs between the runs does not make a source independent: the
-/// same probe may be stated with another feed, the same bar with another temperature.
+/// All sources that the runs may share. A statement that differs between the runs does not make a source independent:
+/// the same probe may be stated with another feed, the same bar with another temperature.
 pub fn joint_sources(rows: &ResultRows, runs: &[MeasuredRun<'_>]) -> Vec<JointSource> {
     let mut names: Vec<&str> = Vec::new();
     for effect in runs.iter().flat_map(|run| run.source_effects) {

@@ -120,7 +120,7 @@ impl<'a> MeasuredAxisPositions<'a> {
             self.known.symbols.iter().zip(&derivatives).filter(|(_, derivative)| derivative.abs() > MIN_DERIVATIVE);
         let dof_of = |symbol: &str| self.estimate.parameters.iter().find(|own| own.symbol == symbol)?.dof;
         let smallest_dof = used.filter_map(|(symbol, _)| dof_of(symbol)).fold(f64::INFINITY, f64::min);
-        let displacement = self.chain.axis_displacement_from_tip(axis, at, self.tip, &self.known.errors)?;
+        let displacement = self.chain.axis_displacement_relative_to_tip(axis, at, self.tip, &self.known.errors)?;
         Ok(MeasuredPosition {
             mm: nominal_coordinate(&self.chain, coordinate, at) + displacement.dot(&component.nominal_direction()),
             expanded_mm: coverage_factor(smallest_dof) * variance.max(0.0).sqrt(),
@@ -143,7 +143,7 @@ impl<'a> MeasuredAxisPositions<'a> {
         let carriers = self.chain.topology().workpiece_branch().iter().take_while(|own| **own != axis);
         for carrier in carriers.filter(|carrier| !carrier.is_linear()) {
             MethodRefusal::require(
-                self.estimate.measured.get(carrier).is_none_or(is_at_zero),
+                self.estimate.measured_ranges.get(carrier).is_none_or(is_at_zero),
                 format!("the {method} run did not measure with {carrier} at 0"),
                 format!("give a run that includes {carrier} at 0"),
             )?;
@@ -162,7 +162,8 @@ fn reference_point(machine: &Machine, chain: &KinematicChain, estimate: &Estimat
     }
     let axis = ZParallelTableAxis::of_machine(machine, chain).map(|own| own.axis);
     let line = axis.and_then(|axis| chain.axis_line(axis, &Position::new()))?;
-    let measured_z = estimate.measured.get(&Axis::Z).map(|[least, most]| (least + most) / 2.0 + machine.tool_mm[2]);
+    let measured_z =
+        estimate.measured_ranges.get(&Axis::Z).map(|[least, most]| (least + most) / 2.0 + machine.tool_mm[2]);
     Some(Vector3::new(line.point.x, line.point.y, measured_z.unwrap_or(line.point.z)))
 }
 

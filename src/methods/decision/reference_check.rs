@@ -15,7 +15,7 @@ const MIN_SAME_DIRECTION_COSINE: f64 = 0.999_85;
 struct ReferencePoint<'a> {
     /// The newest step that measured the reference point.
     newest_step: &'a Step,
-    point_index: usize,
+    scan_measurement_index: usize,
     /// Measurements of the point before the stop, in their order.
     measurements: Vec<ReferenceMeasurement<'a>>,
 }
@@ -26,7 +26,7 @@ struct ReferencePoint<'a> {
 struct ReferenceMeasurement<'a> {
     step: &'a Step,
     /// Number within the scan: point by point, and at each point sensor by sensor.
-    point_index: usize,
+    scan_measurement_index: usize,
     repeat_number: u32,
     /// Position of the surface against the direction of the touch, or along the normal of the scan, mm.
     outward_position_mm: f64,
@@ -49,7 +49,7 @@ fn reference_measurements<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Refer
         let outward_position_mm = found.sum::<f64>() / count as f64;
         Some(ReferenceMeasurement {
             step,
-            point_index: point,
+            scan_measurement_index: point,
             repeat_number: first.repeat,
             outward_position_mm,
             time_in_run_s: first.t_s,
@@ -84,7 +84,7 @@ impl<'a> ReferencePoints<'a> {
         let mut references: Vec<ReferencePoint<'a>> = Vec::new();
         for measurement in reference_measurements(plan, readings.get(..agreed).unwrap_or_default()) {
             let is_same_point = |reference: &&mut ReferencePoint<'_>| {
-                reference.point_index == measurement.point_index
+                reference.scan_measurement_index == measurement.scan_measurement_index
                     && have_same_path(reference.newest_step, measurement.step)
             };
             match references.iter_mut().find(is_same_point) {
@@ -93,10 +93,10 @@ impl<'a> ReferencePoints<'a> {
                     reference.measurements.push(measurement);
                 }
                 None => {
-                    let ReferenceMeasurement { step, point_index: point, .. } = measurement;
+                    let ReferenceMeasurement { step, scan_measurement_index: point, .. } = measurement;
                     references.push(ReferencePoint {
                         newest_step: step,
-                        point_index: point,
+                        scan_measurement_index: point,
                         measurements: vec![measurement],
                     });
                 }
@@ -107,7 +107,7 @@ impl<'a> ReferencePoints<'a> {
 
     /// Whether the reference points cover every direction in which the references of the plan touch: each direction was
     /// touched before the stop.
-    pub fn covers_all_directions(&self) -> bool {
+    pub fn covers_all_reference_directions(&self) -> bool {
         let mut reference_steps = self.plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
         !self.points.is_empty()
             && reference_steps
@@ -199,7 +199,7 @@ impl<'a> ReferencePoints<'a> {
 
 impl ReferencePoint<'_> {
     fn is_measured_by(&self, measurement: &ReferenceMeasurement<'_>) -> bool {
-        (measurement.step.id, measurement.point_index) == (self.newest_step.id, self.point_index)
+        (measurement.step.id, measurement.scan_measurement_index) == (self.newest_step.id, self.scan_measurement_index)
     }
 
     fn label(&self) -> String {
@@ -207,8 +207,8 @@ impl ReferencePoint<'_> {
             None => self.newest_step.label.clone(),
             Some(_) => {
                 let sensors = self.newest_step.sensors.len().max(1);
-                let point = format!("{}, point {}", self.newest_step.label, self.point_index / sensors + 1);
-                match self.newest_step.sensors.get(self.point_index % sensors) {
+                let point = format!("{}, point {}", self.newest_step.label, self.scan_measurement_index / sensors + 1);
+                match self.newest_step.sensors.get(self.scan_measurement_index % sensors) {
                     Some(sensor) if sensors > 1 => format!("{point}, {sensor}"),
                     _ => point,
                 }
@@ -224,11 +224,11 @@ impl ReferencePoint<'_> {
     }
 }
 
-/// Largest limit of the references that were measured again after the stop at `gap_s`, mm, as the run
+/// Largest limit of the references that were measured again after the stop at `stop_time_s`, mm, as the run
 /// compared them. `None`: `readings`, in the order of measurement, contain no such references.
-pub fn largest_shift_limit_mm(plan: &Plan, readings: &[Reading], gap_s: f64) -> Option<f64> {
+pub fn largest_shift_limit_mm(plan: &Plan, readings: &[Reading], stop_time_s: f64) -> Option<f64> {
     // Readings before the stop may be slightly out of order in time, but precede it in the list.
-    let last = readings.iter().rposition(|reading| reading.t_s <= gap_s)?;
+    let last = readings.iter().rposition(|reading| reading.t_s <= stop_time_s)?;
     let (before, after) = readings.split_at(last + 1);
     let repeated = after.iter().take_while(|reading| reading.repeat >= FIRST_REPEAT_NUMBER_AFTER_STOP).count();
     let (shifts, _) =
@@ -313,7 +313,7 @@ mod tests {
     fn unrepeated_references_are_named() {
         let (plan, before) = (plan(), readings(0, [ReadingFlag::None; 3]));
         let references = ReferencePoints::from_readings(&plan, &before);
-        assert!(references.covers_all_directions());
+        assert!(references.covers_all_reference_directions());
         let repeated = |flags| readings(FIRST_REPEAT_NUMBER_AFTER_STOP, flags);
         let compared = |after: &[Reading]| references.shifts_and_scatter_after_stop(after).0.len();
         let all = repeated([ReadingFlag::None, ReadingFlag::Gap, ReadingFlag::None]);

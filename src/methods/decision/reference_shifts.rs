@@ -8,7 +8,7 @@ use machine::record::plan::{Plan, Step, StepKind};
 /// number. A false refusal in 1.1 % of stops is rare enough to keep the operator's trust. Each of four
 /// references (0°, 90°, 180°, Z) then has limits of ±3 standard deviations, each of the 26 points of a scan
 /// ±3.5.
-const AGREEMENT_PROBABILITY: f64 = 0.989_244_470_5;
+const ALL_REFERENCES_AGREE_PROBABILITY: f64 = 0.989_244_470_5;
 /// Maximum allowance for drift, as a multiple of the standard deviation of the touch difference. A reference that may
 /// drift further gives no information: after so long a stop a new run is needed.
 const DRIFT_ALLOWANCE_CAP_RATIO: f64 = 3.0;
@@ -82,15 +82,15 @@ pub struct ShiftLimits {
 
 impl ShiftLimits {
     /// Limits for `reference_count` references that are compared together, so that all of them agree with probability
-    /// [`AGREEMENT_PROBABILITY`]. Scatter that comes from the references themselves makes false refusals even rarer.
-    /// `drift_mm_per_s` is the declared standard deviation of the drift rate.
+    /// [`ALL_REFERENCES_AGREE_PROBABILITY`]. Scatter that comes from the references themselves makes false refusals
+    /// even rarer. `drift_mm_per_s` is the declared standard deviation of the drift rate.
     pub fn new(scatter: TouchScatter, reference_count: usize, drift_mm_per_s: f64) -> Self {
         let (u_mm, dof) = match scatter {
             TouchScatter::Declared { u_mm } => (u_mm, f64::INFINITY),
             TouchScatter::Pooled { u_mm, dof } => (u_mm, f64::from(dof)),
             TouchScatter::Unknown => (0.0, f64::INFINITY),
         };
-        let inside = AGREEMENT_PROBABILITY.powf(1.0 / reference_count.max(1) as f64);
+        let inside = ALL_REFERENCES_AGREE_PROBABILITY.powf(1.0 / reference_count.max(1) as f64);
         Self {
             touch_std_u_mm: u_mm,
             coverage_factor: coverage::two_sided_t_factor(inside, dof),
@@ -238,7 +238,10 @@ mod tests {
             let [declared, pooled] = refused_stop_shares(reference_count, 0.0, 20_000);
             println!("{reference_count} places: {declared} of stops, {pooled} with pooled scatter");
             // Tolerance of the comparison: four standard deviations of the count.
-            assert!((declared - (1.0 - AGREEMENT_PROBABILITY)).abs() < 0.003, "{reference_count}: {declared}");
+            assert!(
+                (declared - (1.0 - ALL_REFERENCES_AGREE_PROBABILITY)).abs() < 0.003,
+                "{reference_count}: {declared}"
+            );
             // With pooled scatter, a shift between the rounds also increases the scatter.
             assert!((0.002..0.0138).contains(&pooled), "{reference_count}: {pooled}");
         }

@@ -26,7 +26,7 @@ pub struct BlockEquations {
     pub observations_mm: Vec<f64>,
     pub sigma_mm: Vec<f64>,
     /// Group index of each observation, from 0.
-    pub group_indices: Vec<usize>,
+    pub reduction_group_indices: Vec<usize>,
 }
 
 /// Solution of one block of unknowns. Before the fit the observations of each group are reduced to the components that
@@ -121,7 +121,7 @@ fn numerical_error(error: linear_least_squares::LinearError) -> IdentifyError {
 
 /// An orthonormal basis of the weighted rows of the design, for each group.
 fn reduction_matrix(equations: &BlockEquations) -> Mat<f64> {
-    let BlockEquations { design_matrix: design, sigma_mm, group_indices: groups, .. } = equations;
+    let BlockEquations { design_matrix: design, sigma_mm, reduction_group_indices: groups, .. } = equations;
     let count = groups.iter().map(|group| group + 1).max().unwrap_or(0);
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for group in 0..count {

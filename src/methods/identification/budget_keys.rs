@@ -13,14 +13,14 @@ use super::probe_map::ProbeMap;
 struct BudgetLineKey {
     line_name: &'static str,
     /// Key of the machine file; `axes.*` means each of the axes.
-    key: &'static str,
+    machine_file_key: &'static str,
     /// Declared size; the largest one if there are several axes or sensors. 0: the line is proportional to no
     /// declared size.
     declared_size: fn(&Plan) -> f64,
 }
 
 const fn budget_line_key(line_name: &'static str, key: &'static str, declared_size: fn(&Plan) -> f64) -> BudgetLineKey {
-    BudgetLineKey { line_name, key, declared_size }
+    BudgetLineKey { line_name, machine_file_key: key, declared_size }
 }
 
 const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
@@ -33,7 +33,7 @@ const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
         Ok(None) => plan.probe.lobing_um,
         _ => 0.0,
     }),
-    budget_line_key("stylus offset", "probe.stylus_offset_um", |plan| plan.probe.stylus_offset_um),
+    budget_line_key("stylus offset", "probe.stylus_offset_um", |plan| plan.probe.u_stylus_offset_um),
     budget_line_key("backlash", "axes.*.backlash_um", |plan| largest_linear_axis_value(plan, |axis| axis.backlash_um)),
     budget_line_key("error motions of X, Y and Z", "axes.*.error_motion_um", |plan| {
         largest_linear_axis_value(plan, |axis| axis.error_motion_um)
@@ -100,7 +100,7 @@ pub fn add_budget_sensitivities(estimate: &mut Estimate, plan: &Plan) {
 
 fn budget_key_and_size(line: &BudgetLine, plan: &Plan) -> Option<(String, f64)> {
     if let Some(sized) = BUDGET_LINE_KEYS.iter().find(|sized| sized.line_name == line.source) {
-        return Some((sized.key.to_owned(), (sized.declared_size)(plan)));
+        return Some((sized.machine_file_key.to_owned(), (sized.declared_size)(plan)));
     }
     let name = line.source.strip_prefix(ROTARY_MOTION_LINE_PREFIX)?;
     let (axis, spec) = plan.machine.axes.iter().find(|(axis, _)| axis.name() == name)?;
@@ -118,7 +118,7 @@ fn is_key_of_line(line: &BudgetLine, key: &str) -> bool {
             && axis == line.source.strip_prefix(ROTARY_MOTION_LINE_PREFIX);
     }
     let is_linear = axis.is_none_or(|axis| ["X", "Y", "Z"].contains(&axis));
-    let is_same = |sized: &BudgetLineKey| sized.key.rsplit('.').next() == Some(name);
+    let is_same = |sized: &BudgetLineKey| sized.machine_file_key.rsplit('.').next() == Some(name);
     sized.any(is_same) && is_linear != (line.source == "error motions of rotary axes")
 }
 

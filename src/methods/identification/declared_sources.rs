@@ -113,7 +113,7 @@ pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
 pub fn stylus_offset_u_mm(plan: &Plan) -> f64 {
     match ProbeMap::from_plan(plan) {
         Ok(Some(map)) if map.subtracts_order(1) => 0.0,
-        _ => plan.probe.stylus_offset_um * 1e-3,
+        _ => plan.probe.u_stylus_offset_um * 1e-3,
     }
 }
 
@@ -164,12 +164,15 @@ pub fn linearity_effects_on_harmonics(
 /// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random
 /// function of the position of each axis. The caller applies each pattern along X, Y and Z independently.
 pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-    linear_axis_functions(plan, points, |spec| spec.error_motion_um * 1e-3).into_iter().flat_map(|of| of.1).collect()
+    random_linear_axis_functions(plan, points, |spec| spec.error_motion_um * 1e-3)
+        .into_iter()
+        .flat_map(|of| of.1)
+        .collect()
 }
 
 /// Smooth random functions of the position of each of X, Y and Z at the axis positions `points`, with the standard
 /// deviation `size`. An axis without declared size has none.
-fn linear_axis_functions(
+fn random_linear_axis_functions(
     plan: &Plan,
     points: &[Vector3<f64>],
     size: fn(&StatedAxis) -> f64,
@@ -187,7 +190,7 @@ fn linear_axis_functions(
 /// zero.
 pub fn angular_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<(ErrorParameter, Vec<f64>)> {
     let mut patterns = Vec::new();
-    for (axis, functions) in linear_axis_functions(plan, points, |spec| spec.angular_motion_urad * 1e-6) {
+    for (axis, functions) in random_linear_axis_functions(plan, points, |spec| spec.angular_motion_urad * 1e-6) {
         for about in [Axis::A, Axis::B, Axis::C] {
             let error = ErrorParameter::new(about, axis, ErrorShape::Location).ok();
             patterns.extend(functions.iter().filter_map(|function| Some((error?, function.clone()))));

@@ -102,8 +102,8 @@ impl Identification {
             warnings: Vec::new(),
             outliers: self.outlier_check.outliers.clone(),
             measurement_checks: self.outlier_check.measurement_checks.clone(),
-            priors: Vec::new(),
-            measured: BTreeMap::new(),
+            prior_hashes: Vec::new(),
+            measured_ranges: BTreeMap::new(),
             source_effects: self.build_source_effects(),
         }
     }
@@ -147,7 +147,7 @@ impl Identification {
     }
 
     fn output_uncertainty(&self, index: usize, output: &OutputParameter) -> Uncertainty {
-        match &output.slope {
+        match &output.linear_slope {
             Some(slope) => self.propagation.output_uncertainty(slope),
             None => Uncertainty { u: self.u_by_trials(index).unwrap_or(f64::NAN), dof: None, budget: Vec::new() },
         }

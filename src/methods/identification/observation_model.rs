@@ -32,10 +32,14 @@ impl FitQuality {
         }
     }
 
-    /// Figures of a nonlinear fit of points, of full rank. `misses`: residual of each point, mm.
-    pub fn from_nonlinear_fit(survey: &RankAnalysis, minimum: &NonlinearSolution, misses: &[Vector3<f64>]) -> Self {
+    /// Figures of a nonlinear fit of points, of full rank. `point_residuals_mm`: residual of each point, mm.
+    pub fn from_nonlinear_fit(
+        survey: &RankAnalysis,
+        minimum: &NonlinearSolution,
+        point_residuals_mm: &[Vector3<f64>],
+    ) -> Self {
         let unknowns = minimum.x.len();
-        let coordinates: Vec<f64> = misses.iter().flatten().copied().collect();
+        let coordinates: Vec<f64> = point_residuals_mm.iter().flatten().copied().collect();
         Self {
             rank: survey.rank,
             unknown_count: unknowns,
@@ -95,7 +99,8 @@ pub trait ObservationModel: Sync {
     /// nonlinear model solves each trial nonlinearly.
     fn unknowns_for_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
 
-    /// Linear functions of the unknowns of [`Self::unknowns_for_each_perturbation`]: trials × functions. `slopes`: functions × unknowns.
+    /// Linear functions of the unknowns of [`Self::unknowns_for_each_perturbation`]: trials × functions. `slopes`:
+    /// functions × unknowns.
     fn evaluate_each_perturbation(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
         self.unknowns_for_each_perturbation(changes) * slopes.transpose()
     }
@@ -149,7 +154,7 @@ impl<E: ObservationEquation> ObservationModel for NonlinearFit<'_, E> {
 
     fn linear_response(&self, change: &[f64]) -> LinearResponse {
         let rows = self.equation.weighted_residual_change(change);
-        let (unknowns, residuals) = self.minimum.factorisation.solution_and_remainder(rows);
+        let (unknowns, residuals) = self.minimum.factorisation.solution_and_residuals(rows);
         LinearResponse { unknown_changes: unknowns, residual_changes: residuals }
     }
 

@@ -55,7 +55,7 @@ impl OutlierCheck {
         let mut sizes: Vec<(f64, &str)> = self
             .measurement_checks
             .iter()
-            .map(|one| (one.deviation_um.unwrap_or(f64::INFINITY), one.label.as_str()))
+            .map(|one| (one.min_detectable_deviation_um.unwrap_or(f64::INFINITY), one.label.as_str()))
             .collect();
         sizes.sort_by(|a, b| a.0.total_cmp(&b.0));
         let (middle, (largest, least_checked)) = (sizes.get(sizes.len() / 2)?.0, sizes.last()?);
@@ -93,7 +93,7 @@ impl OutlierSearch<'_> {
                 .map(|m| self.deviation_if_outlier(m))
                 .collect();
             if list.iter().all(|known| known.candidates != candidates) {
-                list.push(Outlier { candidates, t, resolution: None });
+                list.push(Outlier { candidates, studentised_residual: t, resolution: None });
             }
         }
         list
@@ -150,7 +150,7 @@ impl OutlierSearch<'_> {
             label: measurement.label.clone(),
             t_s: Some(measurement.mean_time_s),
             residual_um: Some(1e3 * measurement.residual_mm),
-            deviation_um,
+            min_detectable_deviation_um: deviation_um,
         }
     }
 }
@@ -223,6 +223,6 @@ fn outlier_warning(outlier: &Outlier, measurements: &[CheckedMeasurement]) -> St
         sources do not explain the deviation. Check for dirt, chips and loose parts. The result includes \
         this measurement; flag the readings `excluded` to remove the measurement",
         candidates.join(" or "),
-        outlier.t
+        outlier.studentised_residual
     )
 }

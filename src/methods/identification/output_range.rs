@@ -30,7 +30,7 @@ pub fn range_outputs(ranges: Vec<RangeOutput>, x: &[f64]) -> NonlinearOutputs {
         symbol: range.symbol,
         unit: range.unit,
         value: ranges_of_trials(slopes, solution.as_ref())[0],
-        slope: None,
+        linear_slope: None,
     });
     let outputs = outputs.collect();
     let values = move |trials: MatRef<'_, f64>| {

@@ -13,14 +13,14 @@ pub struct OutputParameter {
     /// Value at the solution, internal unit.
     pub value: f64,
     /// Derivative by each unknown, internal units. `None`: its uncertainty comes from the trials alone.
-    pub slope: Option<Vec<f64>>,
+    pub linear_slope: Option<Vec<f64>>,
 }
 
 impl OutputParameter {
     /// The output coefficients·x.
     pub fn from_coefficients(symbol: &str, unit: Unit, coefficients: Vec<f64>, x: &[f64]) -> Self {
         let value = dot_product(&coefficients, x);
-        Self { symbol: symbol.to_owned(), unit, value, slope: Some(coefficients) }
+        Self { symbol: symbol.to_owned(), unit, value, linear_slope: Some(coefficients) }
     }
 
     /// The output that is the unknown `index` of `x`.
@@ -80,7 +80,7 @@ pub struct IdentificationOutputs {
 impl IdentificationOutputs {
     /// Derivatives of the `linear_parameters`: outputs × unknowns. NaN if a slope is missing.
     pub fn linear_parameter_slopes(&self, unknowns: usize) -> Mat<f64> {
-        let slope = |i: usize| self.linear_parameters[i].slope.as_deref().unwrap_or_default();
+        let slope = |i: usize| self.linear_parameters[i].linear_slope.as_deref().unwrap_or_default();
         Mat::from_fn(self.linear_parameters.len(), unknowns, |i, j| slope(i).get(j).copied().unwrap_or(f64::NAN))
     }
 

@@ -18,7 +18,7 @@ use machine::record::reading::Reading;
 /// Name of the method that finds the pre-travel map of the probe.
 pub const PROBE_QUALIFICATION_METHOD_NAME: &str = "probe-qualification";
 /// Highest order that is searched for in an estimate.
-const MAX_MAP_ORDER: u32 = 180;
+const MAX_SEARCHED_MAP_ORDER: u32 = 180;
 
 /// Symbols of the cosine and the sine part of an order.
 pub fn probe_map_symbols(order: u32) -> [String; 2] {
@@ -143,7 +143,7 @@ impl<'a> ProbeMap<'a> {
 /// Standard deviation that `[probe]` declares for an order, mm. `None`: nothing is declared for this order.
 fn declared_order_sd_mm(probe: &Probe, order: u32) -> Option<f64> {
     if order == 1 {
-        return Some(probe.stylus_offset_um * 1e-3);
+        return Some(probe.u_stylus_offset_um * 1e-3);
     }
     let sizes = harmonic_sd_by_order(probe.lobing_um * 1e-3, &probe.lobing_orders, &DEFAULT_LOBING_ORDERS);
     sizes.into_iter().find(|(of, _)| *of == order).map(|(_, mm)| mm)
@@ -151,7 +151,7 @@ fn declared_order_sd_mm(probe: &Probe, order: u32) -> Option<f64> {
 
 fn read_map_coefficients(prior: &Estimate) -> Vec<ProbeMapCoefficient> {
     let mut parts = Vec::new();
-    for order in 1..=MAX_MAP_ORDER {
+    for order in 1..=MAX_SEARCHED_MAP_ORDER {
         for (symbol, quarter_turns) in probe_map_symbols(order).into_iter().zip([0.0, 0.25]) {
             let own = prior.parameters.iter().find(|parameter| parameter.symbol == symbol);
             let Some(parameter) = own else { continue };

@@ -17,9 +17,9 @@ const STYLUS_OFFSET_KEY: &str = "probe.stylus_offset_um";
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct StatedStylusUncertainty {
     /// Standard uncertainty of the offset of the stylus ball from the spindle axis, in each of X and Y.
-    pub offset_mm: Option<f64>,
+    pub offset_u_mm: Option<f64>,
     /// Standard uncertainty of the stylus length, relative to the tool lengths in the control.
-    pub length_mm: Option<f64>,
+    pub length_u_mm: Option<f64>,
 }
 
 /// A coordinate of the stylus that contains the position of the spindle.
@@ -54,13 +54,13 @@ impl StatedStylusUncertainty {
     pub fn new(probe: &Probe, assumed_keys: &[String]) -> Self {
         let is_assumed = assumed_keys.iter().any(|key| key == STYLUS_OFFSET_KEY);
         Self {
-            offset_mm: (!is_assumed).then_some(probe.stylus_offset_um * 1e-3),
-            length_mm: probe.u_stylus_length_um.map(|um| um * 1e-3),
+            offset_u_mm: (!is_assumed).then_some(probe.u_stylus_offset_um * 1e-3),
+            length_u_mm: probe.u_stylus_length_um.map(|um| um * 1e-3),
         }
     }
 
-    fn along(&self, component: Axis) -> Option<f64> {
-        if component == Axis::Z { self.length_mm } else { self.offset_mm }
+    fn u_along_mm(&self, component: Axis) -> Option<f64> {
+        if component == Axis::Z { self.length_u_mm } else { self.offset_u_mm }
     }
 }
 
@@ -111,17 +111,17 @@ impl<'a> SpindlePosition<'a> {
                 continue;
             };
             if component != Axis::Z && was_spindle_turned(estimate) {
-                position.undetermined.push(unidentified_spindle(estimate, component));
+                position.undetermined.push(unidentified_spindle_position(estimate, component));
                 continue;
             }
             let error = ErrorParameter::new(component, *last, ErrorShape::Location);
-            match (stylus.along(component), error, stylus_value(estimate, symbol)) {
+            match (stylus.u_along_mm(component), error, stylus_value(estimate, symbol)) {
                 (Some(u_stylus_mm), Ok(parameter), Some(measured)) => position.terms.push(SpindleTerm {
                     error: ErrorTerm { parameter, value: measured - machine.tool_mm[k] },
                     symbol,
                     u_stylus_mm,
                 }),
-                _ => position.undetermined.push(inseparable_from_stylus(estimate, component)),
+                _ => position.undetermined.push(position_inseparable_from_stylus(estimate, component)),
             }
         }
         position
@@ -135,11 +135,11 @@ fn has_spindle_location(component: Axis, known: &KnownErrors<'_>) -> bool {
 }
 
 fn was_spindle_turned(estimate: &Estimate) -> bool {
-    estimate.measured.get(&Axis::S).is_some_and(|[least, most]| most - least > MIN_SPINDLE_TURN_DEG)
+    estimate.measured_ranges.get(&Axis::S).is_some_and(|[least, most]| most - least > MIN_SPINDLE_TURN_DEG)
 }
 
 /// The spindle was turned, so the stylus is separate from it; but its position is not among the errors.
-fn unidentified_spindle(estimate: &Estimate, component: Axis) -> UndeterminedPosition {
+fn unidentified_spindle_position(estimate: &Estimate, component: Axis) -> UndeterminedPosition {
     UndeterminedPosition {
         component,
         reason: format!("E{component}0S is not among the identified errors of the {} run", estimate.method),
@@ -174,11 +174,11 @@ fn undetermined_without_stylus(
     }
     let lines = estimate.parameters.iter().flat_map(|parameter| &parameter.budget);
     let has_stylus = lines.into_iter().any(|line| line.key.as_deref() == Some(STYLUS_OFFSET_KEY));
-    let is_unknown = component != Axis::Z && has_stylus && stylus.offset_mm.is_none();
-    is_unknown.then(|| inseparable_from_stylus(estimate, component))
+    let is_unknown = component != Axis::Z && has_stylus && stylus.offset_u_mm.is_none();
+    is_unknown.then(|| position_inseparable_from_stylus(estimate, component))
 }
 
-fn inseparable_from_stylus(estimate: &Estimate, component: Axis) -> UndeterminedPosition {
+fn position_inseparable_from_stylus(estimate: &Estimate, component: Axis) -> UndeterminedPosition {
     let (what, remedy) = match component {
         Axis::Z => (
             "the length of the stylus from the position of the axes",

@@ -21,11 +21,11 @@ pub const BEAM_GAIN_INDEX: usize = 2;
 
 /// A dwell point of the fit.
 #[derive(Debug, Clone, Copy)]
-pub struct DwellPoint {
+pub struct ScanPoint {
     /// Index of the group of scans. All scans of a group have one centre.
     pub group_index: usize,
     /// Displacement of the spindle relative to the table, machine frame, mm.
-    pub spindle_displacement_mm: Vector3<f64>,
+    pub spindle_displacement_from_table_mm: Vector3<f64>,
     /// Rotation from the spindle frame to the machine frame.
     pub machine_from_spindle: Rotation3<f64>,
     pub reading_mm: f64,
@@ -41,7 +41,7 @@ pub struct CentreEquations {
     pub beam_frame: Matrix3<f64>,
     pub radius_mm: f64,
     /// Dwell points, group after group.
-    pub dwell_points: Vec<DwellPoint>,
+    pub scan_points: Vec<ScanPoint>,
     pub group_count: usize,
     /// Whether the beam is unknown. Otherwise `fixed_beam_values` gives the beam.
     pub is_beam_free: bool,
@@ -61,11 +61,11 @@ fn beam_frame(beam: Vector3<f64>) -> Matrix3<f64> {
 
 impl CentreEquations {
     /// The fit of one group, with the nominal beam and the stated radius.
-    pub fn with_nominal_beam(setup: &LaserSetup<'_>, dwell_points: Vec<DwellPoint>) -> Self {
+    pub fn with_nominal_beam(setup: &LaserSetup<'_>, dwell_points: Vec<ScanPoint>) -> Self {
         Self {
             beam_frame: beam_frame(setup.beam_direction()),
             radius_mm: setup.measuring_radius_mm(),
-            dwell_points,
+            scan_points: dwell_points,
             group_count: 1,
             is_beam_free: false,
             is_radius_free: false,
@@ -104,22 +104,21 @@ impl CentreEquations {
     }
 
     /// Vector from the centre to the light spot.
-    pub fn centre_to_spot(&self, x: &[f64], row: &DwellPoint) -> Vector3<f64> {
-        row.spindle_displacement_mm + row.machine_from_spindle * (self.beam_vector(x) * row.reading_mm)
+    pub fn centre_to_spot(&self, x: &[f64], row: &ScanPoint) -> Vector3<f64> {
+        row.spindle_displacement_from_table_mm + row.machine_from_spindle * (self.beam_vector(x) * row.reading_mm)
             - self.group_centre(x, row.group_index)
     }
 
     /// Distances of the dwell points from their spheres, positive outside, unweighted, mm.
     pub fn surface_deviations_mm(&self, x: &[f64]) -> Vec<f64> {
-        let deviation =
-            |row: &DwellPoint| self.centre_to_spot(x, row).norm() - self.group_radius_mm(x, row.group_index);
-        self.dwell_points.iter().map(deviation).collect()
+        let deviation = |row: &ScanPoint| self.centre_to_spot(x, row).norm() - self.group_radius_mm(x, row.group_index);
+        self.scan_points.iter().map(deviation).collect()
     }
 
     fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
         let (common, own) = (self.beam_unknown_count(), self.unknowns_per_centre());
         let group_rows = |group: usize| {
-            let rows: Vec<&DwellPoint> = self.dwell_points.iter().filter(|row| row.group_index == group).collect();
+            let rows: Vec<&ScanPoint> = self.scan_points.iter().filter(|row| row.group_index == group).collect();
             let mut block = BlockRows::zeros(rows.len(), own, common);
             for (i, row) in rows.into_iter().enumerate() {
                 let arm = self.centre_to_spot(x, row);
@@ -151,8 +150,8 @@ impl CentreEquations {
         let beam = self.beam_frame.column(2);
         for group in 0..self.group_count {
             let (mut sum, mut count, mut along) = (Vector3::zeros(), 0.0, Vector3::zeros());
-            for row in self.dwell_points.iter().filter(|row| row.group_index == group) {
-                sum += row.spindle_displacement_mm + row.machine_from_spindle * beam * row.reading_mm;
+            for row in self.scan_points.iter().filter(|row| row.group_index == group) {
+                sum += row.spindle_displacement_from_table_mm + row.machine_from_spindle * beam * row.reading_mm;
                 along = row.machine_from_spindle * beam;
                 count += 1.0;
             }
@@ -168,7 +167,7 @@ impl CentreEquations {
 /// Observations: the distance of each dwell point from its centre.
 impl ObservationEquation for CentreEquations {
     fn observation_count(&self) -> usize {
-        self.dwell_points.len()
+        self.scan_points.len()
     }
 
     fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
@@ -178,7 +177,7 @@ impl ObservationEquation for CentreEquations {
     }
 
     fn weighted_residual_change(&self, change: &[f64]) -> Vec<f64> {
-        change.iter().zip(&self.dwell_points).map(|(change, row)| -change / row.u_mm).collect()
+        change.iter().zip(&self.scan_points).map(|(change, row)| -change / row.u_mm).collect()
     }
 }
 
@@ -190,8 +189,9 @@ pub fn gain_deviation(unknown: f64) -> f64 {
 
 /// Whether these dwell points determine a centre. They do not if all normals lie in one plane, on one great circle.
 pub fn determines_centre(scan: &MeasuredScan, beam: Vector3<f64>, radius: f64) -> bool {
-    let light_spot =
-        |spot: &SampleMean| spot.spindle_displacement_mm + scan.machine_from_spindle * beam * spot.reading_mm;
+    let light_spot = |spot: &SampleMean| {
+        spot.spindle_displacement_from_table_mm + scan.machine_from_spindle * beam * spot.reading_mm
+    };
     let points: Vec<Vector3<f64>> = scan.sample_means.iter().map(light_spot).collect();
     let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     let centre = mean + scan.machine_from_spindle * beam * radius;

@@ -84,13 +84,13 @@ fn noise_warning(result: &IdentificationResult<'_>) -> Option<String> {
 }
 
 /// Location errors held at zero, because they are equivalent to the zero position, the sphere or reported errors.
-pub fn equivalent_errors(result: &IdentificationResult<'_>) -> Vec<String> {
+pub fn held_location_errors(result: &IdentificationResult<'_>) -> Vec<String> {
     let held = result.selection.held_at_zero.iter().filter(|error| error.shape() == ErrorShape::Location);
     held.map(ToString::to_string).collect()
 }
 
 pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
-    let held = equivalent_errors(result);
+    let held = held_location_errors(result);
     let mut lines = vec![
         "X, Y and Z are assumed straight, square to each other and of equal scale; their errors \
          are part of the result"
@@ -120,7 +120,7 @@ pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
 
 /// Text on the corrections of the continuous scans: latency and lost motion.
 fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
-    let ObservedScans { latency, unused_continuous_sample_count: unused_count, .. } = &result.observed;
+    let ObservedScans { latency, reversal_or_gap_sample_count: unused_count, .. } = &result.observed;
     let latency = latency.as_ref()?;
     let first = result.unknown_names.len() + result.grouped.centre_equations.beam_unknown_count();
     let expanded = |k: usize| result.identification.parameter_uncertainty(first + k).map_or(f64::NAN, |u| u.expanded());

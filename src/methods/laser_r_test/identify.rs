@@ -145,7 +145,7 @@ fn remove_oblique_samples(
     let centres = &grouped.centre_equations;
     let beam = unit_vector(centres.beam_vector(&centre_fit.x)).unwrap_or_default();
     let mut oblique_scan_and_point_indices: Vec<(usize, usize)> = Vec::new();
-    for (row, origin) in centres.dwell_points.iter().zip(&grouped.row_scan_and_point_indices) {
+    for (row, origin) in centres.scan_points.iter().zip(&grouped.row_scan_and_point_indices) {
         let towards = -(row.machine_from_spindle * beam);
         if centres.centre_to_spot(&centre_fit.x, row).angle(&towards) > setup.incidence_limit_rad() {
             oblique_scan_and_point_indices.push(*origin);

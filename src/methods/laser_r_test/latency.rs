@@ -15,7 +15,7 @@ use super::setup::LaserSetup;
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::cholesky_lower;
 use estimation::null_space_names::name_null_space;
-use estimation::schur::{BlockFactorisation, BlockRows, factorise};
+use estimation::schur::{BlockFactorisation, BlockRows, factorise_and_project_right_side};
 use machine::Axis;
 
 /// Assumed standard uncertainty of one sample, mm. The result is scaled to the observed scatter.
@@ -218,7 +218,7 @@ impl LatencyIteration {
     /// # Errors
     /// Unknowns are not separable, or are separated only by the acceleration ramps.
     fn solve(&self) -> Result<(BlockFactorisation, Vec<f64>), IdentifyError> {
-        let (factored, _) = factorise(self.row_blocks());
+        let (factored, _) = factorise_and_project_right_side(self.row_blocks());
         let survey = factored.analyse_rank().map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
         let mut names = latency_unknown_names(&self.moved_axes);
         names.extend((0..self.rows_by_cell.len()).map(|cell| format!("cell_{cell}")));

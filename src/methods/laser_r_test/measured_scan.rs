@@ -11,7 +11,7 @@ pub struct SampleMean {
     /// Axis positions X, Y, Z, mm.
     pub linear_axis_positions_mm: Vector3<f64>,
     /// Displacement of the spindle relative to the table, machine frame.
-    pub spindle_displacement_mm: Vector3<f64>,
+    pub spindle_displacement_from_table_mm: Vector3<f64>,
     /// Reading, mm.
     pub reading_mm: f64,
     /// Number of the samples that the mean contains.

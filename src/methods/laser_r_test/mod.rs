@@ -51,11 +51,11 @@ impl RegisteredMethod for LaserRTest {
                 touch probe",
         results: "location errors of both rotary axes, optionally harmonics of the tilting axis; \
                 beam and zero point of the sensor",
-        machine_file: "laser.toml",
+        default_machine_file: "laser.toml",
         source: "Y. Nagai, S. Ibaraki, S. Nishikawa: Error calibration of five-axis machine tools by on-machine \
                 measurement system using a laser displacement sensor (2014)",
         symbol_names: symbol_names::SYMBOL_NAMES,
-        has_passes: false,
+        has_cycle_passes: false,
     };
 
     fn new(settings: LaserRTestSettings) -> Self {

@@ -35,7 +35,7 @@ pub struct ObservedScans {
     /// Latency of the continuous scans. `None` if there are no continuous scans.
     pub latency: Option<LatencyEstimate>,
     /// Number of samples of continuous scans at a reversal of an axis, or without a position.
-    pub unused_continuous_sample_count: usize,
+    pub reversal_or_gap_sample_count: usize,
     pub interruptions: Vec<Interruption>,
     /// Descriptions of motions of continuous scans with too few samples.
     pub sparse_motions: Vec<String>,
@@ -129,7 +129,13 @@ fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<Interrupt
             ),
         )),
     };
-    Ok(plan.gaps_s.iter().copied().filter(has_later_readings).map(with_limit).collect::<Result<_, _>>()?)
+    Ok(plan
+        .interruption_times_s
+        .iter()
+        .copied()
+        .filter(has_later_readings)
+        .map(with_limit)
+        .collect::<Result<_, _>>()?)
 }
 
 /// Estimates the latency from the latency scans.
@@ -154,7 +160,7 @@ fn add_corrected_scan(setup: &LaserSetup<'_>, uncorrected_scan: UncorrectedScan,
     if let (Some((history, path)), Some(latency)) = (&history, &observed.latency) {
         let mut samples = history.timed_samples(latency.latency_s);
         samples.iter_mut().for_each(|sample| sample.xyz = latency.corrected_xyz(sample.xyz, sample.last_motion_sign));
-        observed.unused_continuous_sample_count += history.valid_reading_count() - samples.len();
+        observed.reversal_or_gap_sample_count += history.valid_reading_count() - samples.len();
         let sparse = describe_sparse_motions(path, &samples).into_iter();
         observed.sparse_motions.extend(sparse.map(|text| format!("{}: {text}", measured_scan.label)));
         let (sample_means, within) = average_samples_by_cell(setup, &measured_scan, &samples);
@@ -205,7 +211,7 @@ fn read_uncorrected_scan(
         let xyz = reading.position.xyz_or_zero();
         samples.push(SampleMean {
             linear_axis_positions_mm: xyz,
-            spindle_displacement_mm: machine_from_xyz * xyz,
+            spindle_displacement_from_table_mm: machine_from_xyz * xyz,
             reading_mm,
             sample_count: 1,
             time_in_run_s: reading.t_s,
@@ -259,7 +265,7 @@ fn average_samples(all: &[SampleMean], square_sum_and_dof: &mut (f64, usize)) ->
     square_sum_and_dof.1 += all.len().saturating_sub(1);
     SampleMean {
         linear_axis_positions_mm: sum(|spot| spot.linear_axis_positions_mm),
-        spindle_displacement_mm: sum(|spot| spot.spindle_displacement_mm),
+        spindle_displacement_from_table_mm: sum(|spot| spot.spindle_displacement_from_table_mm),
         reading_mm,
         sample_count: all.len(),
         time_in_run_s: average(|spot| spot.time_in_run_s),

@@ -28,7 +28,7 @@ pub fn build_estimate(result: &IdentificationResult<'_>) -> Estimate {
         functions: deviation_functions(result),
         arrows: vec![deviation_arrows(result, &residuals), arrow_figure(result, "residuals", &residuals, None)],
         gauge: estimate_notes::gauge_lines(result),
-        held_at_zero: estimate_notes::equivalent_errors(result),
+        held_at_zero: estimate_notes::held_location_errors(result),
         not_identifiable: estimate_notes::describe_not_identifiable(result),
         warnings: estimate_notes::estimate_warnings(result),
         ..result.identification.estimate(super::METHOD_NAME)
@@ -54,7 +54,7 @@ pub fn build_outputs(
     if beam > BEAM_GAIN_INDEX {
         let gain = &mut parameters[names.len() + BEAM_GAIN_INDEX];
         gain.value = gain_deviation(gain.value);
-        gain.slope.iter_mut().flatten().for_each(|slope| *slope = -*slope);
+        gain.linear_slope.iter_mut().flatten().for_each(|slope| *slope = -*slope);
     }
     IdentificationOutputs { linear_parameters: parameters, ..IdentificationOutputs::default() }
 }

@@ -37,7 +37,7 @@ pub fn identify_by_paper_method(setup: &LaserSetup<'_>, grouped: &GroupedScans, 
         .map(|(i, group)| (&group.rotary, centres.group_centre(&fitted.x, i)))
         .collect();
     let origin = axis_intersection(setup)?;
-    let zero = zero_position(&centres_by_pose, origin)?;
+    let zero = zero_position_from_circles(&centres_by_pose, origin)?;
     let measured: Vec<(f64, f64, Vector3<f64>)> = centres_by_pose
         .iter()
         .map(|(at, centre)| (at.get_or_zero(Axis::B), at.get_or_zero(Axis::C), *centre - zero - origin))
@@ -59,7 +59,10 @@ fn axis_intersection(setup: &LaserSetup<'_>) -> Option<Vector3<f64>> {
 }
 
 /// Zero position by Eq. (7): x and y from the circle of C at B = 0, z from the circle of B at C = 0.
-fn zero_position(centres_by_pose: &[(&Position, Vector3<f64>)], origin: Vector3<f64>) -> Option<Vector3<f64>> {
+fn zero_position_from_circles(
+    centres_by_pose: &[(&Position, Vector3<f64>)],
+    origin: Vector3<f64>,
+) -> Option<Vector3<f64>> {
     let circle = |fixed: Axis, i: usize, j: usize| {
         let circle_points =
             centres_by_pose.iter().filter(|(at, _)| at.get_or_zero(fixed).abs() < ZERO_ANGLE_TOLERANCE_RAD);

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::centre_equations::{CentreEquations, DwellPoint, determines_centre};
+use super::centre_equations::{CentreEquations, ScanPoint, determines_centre};
 use super::measured_scan::{MeasuredScan, SampleMean};
 use super::observe::ObservedScans;
 use super::scan_purpose::ScanPurpose;
@@ -16,7 +16,7 @@ use machine::{Axis, Position};
 /// Assumed standard deviation of one sample if none is declared or observed, mm.
 const DEFAULT_SAMPLE_STD_DEV_MM: f64 = 1e-3;
 /// A smaller standard uncertainty of a dwell point is replaced by this one, which limits its weight, mm.
-const DWELL_POINT_STD_U_FLOOR_MM: f64 = 1e-6;
+const SCAN_POINT_STD_U_FLOOR_MM: f64 = 1e-6;
 
 /// Pose of a group of scans that determine one centre of the sphere.
 #[derive(Debug, Clone)]
@@ -92,9 +92,9 @@ pub fn group_scans(setup: &LaserSetup<'_>, observed: &mut ObservedScans) -> Resu
         }
     }
     if members.is_empty() {
-        return Err(refuse_no_scans(observed));
+        return Err(no_scans_refusal(observed));
     }
-    Ok(assemble_dwell_points(setup, observed, members))
+    Ok(assemble_scan_points(setup, observed, members))
 }
 
 fn pose_group(setup: &LaserSetup<'_>, scan: &MeasuredScan) -> Result<PoseGroup, MethodRefusal> {
@@ -104,7 +104,7 @@ fn pose_group(setup: &LaserSetup<'_>, scan: &MeasuredScan) -> Result<PoseGroup, 
     Ok(PoseGroup { label, machine_from_xyz, xyz_from_machine, machine_from_table, rotary })
 }
 
-fn refuse_no_scans(observed: &ObservedScans) -> MethodRefusal {
+fn no_scans_refusal(observed: &ObservedScans) -> MethodRefusal {
     let mut why = match observed.skipped_scans.as_slice() {
         [] => "there are no readings of the sphere".to_owned(),
         [first, ..] => format!("no scan determines the sphere: {first}"),
@@ -119,7 +119,7 @@ fn refuse_no_scans(observed: &ObservedScans) -> MethodRefusal {
     )
 }
 
-fn assemble_dwell_points(
+fn assemble_scan_points(
     setup: &LaserSetup<'_>,
     observed: &ObservedScans,
     members: Vec<GroupWithScans<'_>>,
@@ -132,13 +132,12 @@ fn assemble_dwell_points(
         most = most.max(count_different_heights(&poles));
         for (number, scan) in scans {
             for (point, spot) in scan.sample_means.iter().enumerate() {
-                let u_mm =
-                    (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(DWELL_POINT_STD_U_FLOOR_MM);
-                let SampleMean { spindle_displacement_mm: displacement_mm, reading_mm, .. } = *spot;
+                let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(SCAN_POINT_STD_U_FLOOR_MM);
+                let SampleMean { spindle_displacement_from_table_mm: displacement_mm, reading_mm, .. } = *spot;
                 let (group, machine_from_spindle) = (groups.len(), scan.machine_from_spindle);
-                rows.push(DwellPoint {
+                rows.push(ScanPoint {
                     group_index: group,
-                    spindle_displacement_mm: displacement_mm,
+                    spindle_displacement_from_table_mm: displacement_mm,
                     machine_from_spindle,
                     reading_mm,
                     u_mm,
@@ -178,7 +177,7 @@ fn coarsest_resolution_std_u_mm(setup: &LaserSetup<'_>) -> f64 {
 impl GroupedScans {
     /// Mean time of the samples of a group, s.
     pub fn mean_time_of_group_s(&self, group: usize) -> f64 {
-        let rows = self.centre_equations.dwell_points.iter().zip(&self.sample_means);
+        let rows = self.centre_equations.scan_points.iter().zip(&self.sample_means);
         let times: Vec<f64> =
             rows.filter(|(row, _)| row.group_index == group).map(|(_, mean)| mean.time_in_run_s).collect();
         times.iter().sum::<f64>() / times.len() as f64

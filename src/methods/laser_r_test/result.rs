@@ -28,7 +28,7 @@ impl IdentificationResult<'_> {
     pub fn form_error_of_each_group_mm(&self) -> Vec<f64> {
         let deviations = self.grouped.centre_equations.surface_deviations_mm(&self.centre_fit.x);
         let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); self.grouped.groups.len()];
-        for (row, deviation) in self.grouped.centre_equations.dwell_points.iter().zip(deviations) {
+        for (row, deviation) in self.grouped.centre_equations.scan_points.iter().zip(deviations) {
             let (least, most) = &mut ranges[row.group_index];
             (*least, *most) = (least.min(deviation), most.max(deviation));
         }

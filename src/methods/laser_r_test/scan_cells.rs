@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::centre_equations::{CentreEquations, DwellPoint};
+use super::centre_equations::{CentreEquations, ScanPoint};
 use super::measured_scan::{MeasuredScan, SampleMean};
 use super::position_history::TimedSample;
 use super::setup::LaserSetup;
@@ -45,7 +45,7 @@ pub fn average_samples_by_cell(
         square_sum_and_dof.1 += deviations.len() - 1;
         Some(SampleMean {
             linear_axis_positions_mm: xyz,
-            spindle_displacement_mm: sphere.machine_from_xyz * xyz,
+            spindle_displacement_from_table_mm: sphere.machine_from_xyz * xyz,
             reading_mm,
             sample_count: deviations.len(),
             time_in_run_s: all.iter().map(|sample| sample.sensor_stamp_s).sum::<f64>() / count,
@@ -95,9 +95,9 @@ impl FittedScanSphere {
     pub fn fit(setup: &LaserSetup<'_>, scan: &MeasuredScan, samples: &[TimedSample]) -> Option<Self> {
         let machine_from_spindle = scan.machine_from_spindle;
         let machine_from_xyz = setup.machine_from_xyz(&scan.rotary_positions);
-        let row = |sample: &TimedSample| DwellPoint {
+        let row = |sample: &TimedSample| ScanPoint {
             group_index: 0,
-            spindle_displacement_mm: machine_from_xyz * sample.xyz,
+            spindle_displacement_from_table_mm: machine_from_xyz * sample.xyz,
             machine_from_spindle,
             reading_mm: sample.reading_mm,
             u_mm: SAMPLE_STD_U_IN_SPHERE_FIT_MM,

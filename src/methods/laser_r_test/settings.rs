@@ -51,7 +51,8 @@ pub struct LaserRTestSettings {
     /// side of the scan.
     pub points: usize,
     /// Largest distance of the sphere from its expected position, mm.
-    pub margin_mm: f64,
+    #[serde(rename = "margin_mm")]
+    pub max_position_error_mm: f64,
     /// Feed of the scans.
     pub feed_mm_min: f64,
     /// Second feed of the continuous scans that determine the sensor's latency, at least 1.5 times `feed_mm_min`.
@@ -85,7 +86,7 @@ impl Default for LaserRTestSettings {
             heights_mm: Vec::new(),
             sampling: SamplingMode::Dwell,
             points: 13,
-            margin_mm: 0.8,
+            max_position_error_mm: 0.8,
             feed_mm_min: 600.0,
             fast_feed_mm_min: 1800.0,
             rate_hz: 1000.0,
@@ -119,7 +120,9 @@ impl LaserRTestSettings {
             "choose points = 13 (3 to 1000)",
         )?;
         MethodRefusal::require(
-            is_positive_and_finite(self.margin_mm) && is_positive_and_finite(self.feed_mm_min) && self.samples > 0,
+            is_positive_and_finite(self.max_position_error_mm)
+                && is_positive_and_finite(self.feed_mm_min)
+                && self.samples > 0,
             "margin_mm, feed_mm_min and samples must be greater than 0",
             "omit them, or choose about 0.8, 600 and 20",
         )?;

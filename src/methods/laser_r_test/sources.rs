@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::centre_equations::DwellPoint;
+use super::centre_equations::ScanPoint;
 use super::latency::LatencyEstimate;
 use super::measured_scan::SampleMean;
 use super::observe::{Interruption, ObservedScans};
@@ -20,7 +20,7 @@ use machine::kinematics::ErrorParameter;
 use machine::record::plan::{Step, StepKind};
 
 /// Dwell points with the geometry of the fitted centres and beam.
-struct DwellPointGeometry<'a> {
+struct ScanPointGeometry<'a> {
     setup: &'a LaserSetup<'a>,
     grouped: &'a GroupedScans,
     /// Outward normal of the sphere at each dwell point, machine frame.
@@ -39,24 +39,24 @@ pub fn uncertainty_sources(
     first_latency_unknown: usize,
 ) -> Vec<UncertaintySource> {
     let centres = &grouped.centre_equations;
-    let normal = |row: &DwellPoint| unit_vector(centres.centre_to_spot(x, row)).unwrap_or_default();
-    let normals: Vec<Vector3<f64>> = centres.dwell_points.iter().map(normal).collect();
+    let normal = |row: &ScanPoint| unit_vector(centres.centre_to_spot(x, row)).unwrap_or_default();
+    let normals: Vec<Vector3<f64>> = centres.scan_points.iter().map(normal).collect();
     let beam = unit_vector(centres.beam_vector(x)).unwrap_or_default();
-    let along = |(row, n): (&DwellPoint, &Vector3<f64>)| match setup.uses_touch_probe() {
+    let along = |(row, n): (&ScanPoint, &Vector3<f64>)| match setup.uses_touch_probe() {
         true => -1.0,
         false => n.dot(&(row.machine_from_spindle * beam)),
     };
-    let distance_per_reading = centres.dwell_points.iter().zip(&normals).map(along).collect();
-    let points = DwellPointGeometry { setup, grouped, normals, distance_derivative_by_reading: distance_per_reading };
+    let distance_per_reading = centres.scan_points.iter().zip(&normals).map(along).collect();
+    let points = ScanPointGeometry { setup, grouped, normals, distance_derivative_by_reading: distance_per_reading };
     let mut list = vec![
         points.noise_source(sample_std_dev_mm(setup, observed)),
         points.resolution_source(),
         points.linearity_source(),
         points.lobing_source(),
         points.backlash_source(observed),
-        points.linear_axis_source(),
+        points.linear_error_motion_source(),
         points.angular_motion_source(x),
-        points.rotary_axis_source(x),
+        points.rotary_error_motion_source(x),
         points.drift_source(),
         points.interruption_source(&observed.interruptions),
         points.radius_source(),
@@ -79,7 +79,7 @@ fn common_source(name: &str, effect: ObservationEffect) -> UncertaintySource {
     }
 }
 
-impl DwellPointGeometry<'_> {
+impl ScanPointGeometry<'_> {
     fn noise_source(&self, sample_std_dev_mm: f64) -> UncertaintySource {
         let sample_means = self.grouped.sample_means.iter().zip(&self.distance_derivative_by_reading);
         let each =
@@ -109,7 +109,7 @@ impl DwellPointGeometry<'_> {
 
     /// Lobing of the touch probe.
     fn lobing_source(&self) -> UncertaintySource {
-        let rows = self.grouped.centre_equations.dwell_points.iter().filter(|_| self.setup.uses_touch_probe());
+        let rows = self.grouped.centre_equations.scan_points.iter().filter(|_| self.setup.uses_touch_probe());
         let normals = rows.zip(&self.normals).map(|(row, n)| row.machine_from_spindle.inverse() * n);
         let patterns = declared_sources::lobing_patterns(self.setup.plan, &normals.collect::<Vec<_>>());
         UncertaintySource::new("probe lobing", ObservationEffect::Joint(patterns))
@@ -138,7 +138,7 @@ impl DwellPointGeometry<'_> {
         common_source("backlash", ObservationEffect::Joint(columns.into()))
     }
 
-    fn linear_axis_source(&self) -> UncertaintySource {
+    fn linear_error_motion_source(&self) -> UncertaintySource {
         let positions: Vec<_> = self.grouped.sample_means.iter().map(|spot| spot.linear_axis_positions_mm).collect();
         let patterns = declared_sources::linear_motion_patterns(self.setup.plan, &positions);
         let along =
@@ -155,9 +155,9 @@ impl DwellPointGeometry<'_> {
             self.grouped.sample_means.iter().map(|spot| spot.linear_axis_positions_mm).collect();
         let patterns = declared_sources::angular_motion_patterns(setup.plan, &positions);
         let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
-        let shifts = centres.dwell_points.iter().zip(&positions).zip(&self.normals).map(|((row, xyz), n)| {
+        let shifts = centres.scan_points.iter().zip(&positions).zip(&self.normals).map(|((row, xyz), n)| {
             let group = &self.grouped.groups[row.group_index];
-            let missing = centres.group_centre(x, row.group_index) - row.spindle_displacement_mm;
+            let missing = centres.group_centre(x, row.group_index) - row.spindle_displacement_from_table_mm;
             let centre = setup.zero_point() + row.machine_from_spindle.inverse() * missing;
             let at = with_linear_axes(&group.rotary, *xyz);
             let columns = setup.chain.error_jacobian(&at, Point::from_vec(centre), &[], &errors);
@@ -171,7 +171,7 @@ impl DwellPointGeometry<'_> {
         UncertaintySource::new("angular error motions of X, Y and Z", effect)
     }
 
-    fn rotary_axis_source(&self, x: &[f64]) -> UncertaintySource {
+    fn rotary_error_motion_source(&self, x: &[f64]) -> UncertaintySource {
         let motions =
             declared_sources::rotary_error_motions(self.setup.plan, &declared_sources::DEFAULT_ROTARY_MOTION_ORDERS)
                 .into_iter();
@@ -188,7 +188,7 @@ impl DwellPointGeometry<'_> {
             group.machine_from_table * column.first().copied().unwrap_or_default() * motion.amplitude_sd_mm
         };
         let shifts: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(shift).collect();
-        let rows = self.grouped.centre_equations.dwell_points.iter().zip(&self.normals);
+        let rows = self.grouped.centre_equations.scan_points.iter().zip(&self.normals);
         rows.map(|(row, n)| n.dot(&shifts[row.group_index])).collect()
     }
 
@@ -209,7 +209,7 @@ impl DwellPointGeometry<'_> {
     fn interruption_source(&self, interruptions: &[Interruption]) -> UncertaintySource {
         let columns = interruptions.iter().flat_map(|interruption| {
             (0..3).map(move |k| {
-                let size = interruption.shift_limit_mm * self.displacement_per_reference_change(k);
+                let size = interruption.shift_limit_mm * self.sphere_displacement_per_reference_change(k);
                 let sample_means = self.grouped.sample_means.iter().zip(&self.normals);
                 sample_means
                     .map(|(s, n)| if s.time_in_run_s > interruption.time_in_run_s { n[k] * size } else { 0.0 })
@@ -219,12 +219,13 @@ impl DwellPointGeometry<'_> {
         UncertaintySource::new("steps at interruptions", ObservationEffect::Joint(columns.collect()))
     }
 
-    /// Displacement of the sphere along the linear axis `k`, mm, that changes the most sensitive reading of a reference
-    /// by 1 mm; 1 if no reference responds.
-    fn displacement_per_reference_change(&self, k: usize) -> f64 {
+    /// Displacement of the sphere along the linear axis `axis_index`, mm, that changes the most sensitive reading of a
+    /// reference by 1 mm; 1 if no reference responds.
+    fn sphere_displacement_per_reference_change(&self, axis_index: usize) -> f64 {
         let steps = self.setup.plan.steps.iter();
         let references = steps.filter(|step| step.kind == StepKind::Reference);
-        let responses = references.map(|step| max_reference_response_per_mm(step, k, self.setup.measuring_radius_mm()));
+        let responses =
+            references.map(|step| max_reference_response_per_mm(step, axis_index, self.setup.measuring_radius_mm()));
         let most = responses.fold(0.0, f64::max);
         if most > 0.0 { 1.0 / most } else { 1.0 }
     }
@@ -238,7 +239,7 @@ impl DwellPointGeometry<'_> {
     /// The latency and the lost motion of the axes, which are correlated.
     fn latency_source(&self, latency: &LatencyEstimate, first_latency_unknown: usize) -> UncertaintySource {
         let grouped = self.grouped;
-        let rows = grouped.centre_equations.dwell_points.iter().zip(&grouped.sample_means).zip(&self.normals);
+        let rows = grouped.centre_equations.scan_points.iter().zip(&grouped.sample_means).zip(&self.normals);
         let each: Vec<Vec<f64>> = rows
             .map(|((row, spot), n)| {
                 let machine_from_xyz = grouped.groups[row.group_index].machine_from_xyz;
@@ -283,7 +284,7 @@ impl DwellPointGeometry<'_> {
     fn form_source(&self) -> UncertaintySource {
         let sigma = self.setup.settings.form_u_um * 1e-3;
         let groups = &self.grouped.groups;
-        let rows = self.grouped.centre_equations.dwell_points.iter().zip(&self.normals);
+        let rows = self.grouped.centre_equations.scan_points.iter().zip(&self.normals);
         let outward = rows.map(|(row, normal)| groups[row.group_index].machine_from_table.inverse() * normal);
         let outward: Vec<Vector3<f64>> = outward.collect();
         let column = |effect: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * effect(u)).collect();
@@ -305,7 +306,7 @@ impl DwellPointGeometry<'_> {
             return common_source(name, ObservationEffect::Joint(Vec::new()));
         }
         let frame = self.grouped.centre_equations.beam_frame;
-        let inclinations = self.grouped.centre_equations.dwell_points.iter().zip(&self.normals).map(|(row, normal)| {
+        let inclinations = self.grouped.centre_equations.scan_points.iter().zip(&self.normals).map(|(row, normal)| {
             let n = (row.machine_from_spindle * frame).transpose() * normal;
             // If the surface faces the beam, n is (0, 0, −1).
             [n.x / -n.z, n.y / -n.z]

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use estimation::linear_least_squares::RankAnalysis;
 use estimation::nonlinear_least_squares::{NonlinearError, NonlinearSolution, minimise_squares};
-use estimation::schur::{BlockRows, factorise};
+use estimation::schur::{BlockRows, factorise_and_project_right_side};
 use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
 use machine::{Position, frame::Point};
 
@@ -109,7 +109,7 @@ impl MachineEquations {
 
     /// Analyses which unknowns the observations determine near `x`.
     pub fn analyse_rank(&self, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
-        Ok(factorise(self.row_blocks(x)).0.analyse_rank()?)
+        Ok(factorise_and_project_right_side(self.row_blocks(x)).0.analyse_rank()?)
     }
 
     pub fn solve(&self, start: Vec<f64>) -> Result<NonlinearSolution, NonlinearError> {

@@ -116,12 +116,12 @@ fn check_pose_separability(setup: &LaserSetup<'_>, poses: &[Position]) -> Result
     let centre_observations = poses.iter().map(observation).collect::<Result<_, _>>()?;
     let x = [&vec![0.0; count], zero.as_slice(), ball.as_slice()].concat();
     let survey = MachineEquations { model, centre_observations, zero_point_prior: None }.analyse_rank(&x);
-    let survey = survey.map_err(|why| refuse_inseparable_errors(why.to_string()))?;
+    let survey = survey.map_err(|why| inseparable_errors_refusal(why.to_string()))?;
     if survey.nullity == 0 {
         return Ok(());
     }
     let lost = name_null_space(survey.null_space.as_ref(), &names).join("; ");
-    Err(refuse_inseparable_errors(format!(
+    Err(inseparable_errors_refusal(format!(
         "{} poses with the sphere at {:?} mm do not separate all unknowns (rank {} of {}): {lost}",
         poses.len(),
         setup.ball.centre_mm,
@@ -130,7 +130,7 @@ fn check_pose_separability(setup: &LaserSetup<'_>, poses: &[Position]) -> Result
     )))
 }
 
-fn refuse_inseparable_errors(why: String) -> MethodRefusal {
+fn inseparable_errors_refusal(why: String) -> MethodRefusal {
     MethodRefusal::new(
         why,
         "add positions to tilt_deg and turn_deg, mount the sphere away from the axes, or remove the inseparable errors \
@@ -150,7 +150,7 @@ pub fn build_stage(
 ) -> Result<NextStage, MethodRefusal> {
     let position_uncertainty_mm = match stage_request.purpose {
         ScanPurpose::Search => setup.balls.uncertainty_mm,
-        _ => setup.settings.margin_mm,
+        _ => setup.settings.max_position_error_mm,
     };
     let geometry = ExpectedGeometry { max_position_error_mm: position_uncertainty_mm, ..*geometry };
     let mut steps: Vec<Step> = Vec::new();

@@ -46,7 +46,7 @@ pub fn ball_touch_steps(
             BallTouchMode::Search { uncertainty_mm, standoff_mm: CLEARANCE_MM }
         }
         _ => {
-            let margin_mm = setup.settings.margin_mm + CLEARANCE_MM;
+            let margin_mm = setup.settings.max_position_error_mm + CLEARANCE_MM;
             BallTouchMode::Measure { standoff_mm: margin_mm, search_mm: margin_mm }
         }
     };

@@ -17,7 +17,7 @@ pub fn build_estimate(run: &EvaluatedRun) -> Estimate {
     estimate.parameters.push(plc_scan_parameter(scan));
     let scatter = observed.feeds_mm_min.into_iter().zip(fitted.scatter_by_feed);
     estimate.parameters.extend(scatter.map(|(feed, scatter)| scatter_parameter(feed, scatter)));
-    estimate.functions.extend([0, 1].map(|feed| overtravel_of_touches_at_feed(run, feed)));
+    estimate.functions.extend([0, 1].map(|feed| overtravel_by_touch(run, feed)));
     let figures = &fitted.identification.fit_quality;
     let chi2 = |mm: f64| observed.touches.len() as f64 * (figures.residual_rms_mm / mm).powi(2);
     Estimate {
@@ -52,7 +52,7 @@ fn plc_scan_parameter(scan: &PlcScanTest) -> Parameter {
 }
 
 /// Overtravel of each touch at one feed, in the order of the steps.
-fn overtravel_of_touches_at_feed(run: &EvaluatedRun, feed_index: usize) -> EstimatedFunction {
+fn overtravel_by_touch(run: &EvaluatedRun, feed_index: usize) -> EstimatedFunction {
     let EvaluatedRun { observed, fitted, .. } = run;
     let touches = observed.touches.iter().zip(&fitted.overtravel_of_touches_mm);
     let at_feed = touches.filter(|(touch, _)| touch.feed_index == feed_index).map(|(_, mm)| *mm);

@@ -18,8 +18,8 @@ const FEED_REDUCTION_FACTOR: f64 = 0.9;
 /// Feeds of the slow and the fast touches, and the lengths that the fast feed needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchFeeds {
-    pub measuring_mm_min: f64,
-    pub fast_mm_min: f64,
+    pub measuring_feed_mm_min: f64,
+    pub fast_feed_mm_min: f64,
     /// Distance over which the fast touch accelerates to its feed, mm.
     pub fast_run_up_mm: f64,
     /// Distance that the fast touch needs before the first and beyond the last possible contact, mm. Within this
@@ -45,11 +45,15 @@ impl TouchFeeds {
         let fits = |feeds: &Self| length_mm(feeds.fast_touch_margin_mm) <= overtravel;
         let mut feeds = Self::from_fast_feed(machine, probe, settings.fast_feed_mm_min);
         if settings.fast_feed_mm_min.is_none() {
-            while feeds.fast_mm_min * FEED_REDUCTION_FACTOR >= min_mm_min && !fits(&feeds) {
-                feeds = Self::from_fast_feed(machine, probe, Some((feeds.fast_mm_min * FEED_REDUCTION_FACTOR).floor()));
+            while feeds.fast_feed_mm_min * FEED_REDUCTION_FACTOR >= min_mm_min && !fits(&feeds) {
+                feeds = Self::from_fast_feed(
+                    machine,
+                    probe,
+                    Some((feeds.fast_feed_mm_min * FEED_REDUCTION_FACTOR).floor()),
+                );
             }
         }
-        let Self { fast_mm_min, .. } = feeds;
+        let Self { fast_feed_mm_min: fast_mm_min, .. } = feeds;
         let rapid = min_over_linear_axes(machine, |spec| spec.rapid_per_min);
         MethodRefusal::require(
             (min_mm_min..=rapid).contains(&fast_mm_min),
@@ -83,8 +87,8 @@ impl TouchFeeds {
         let acceleration_distance_mm = ACCELERATION_DISTANCE_FACTOR * acceleration_distance_mm(machine, fast_mm_min);
         let margin_mm = acceleration_distance_mm + fast_mm_min / 60.0 * MAX_LATCH_DELAY_S;
         Self {
-            measuring_mm_min: probe.feed_mm_min,
-            fast_mm_min,
+            measuring_feed_mm_min: probe.feed_mm_min,
+            fast_feed_mm_min: fast_mm_min,
             fast_run_up_mm: acceleration_distance_mm,
             fast_touch_margin_mm: margin_mm,
         }

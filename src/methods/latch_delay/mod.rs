@@ -48,10 +48,10 @@ impl RegisteredMethod for LatchDelay {
         required_setup: "a round part or balls",
         results: "delay from contact to latch; whether a PLC program scan latches the contact, and its \
                 duration; scatter of touches at two feeds",
-        machine_file: "simulated.toml",
+        default_machine_file: "simulated.toml",
         source: "documentation of trued",
         symbol_names: symbol_names::SYMBOL_NAMES,
-        has_passes: false,
+        has_cycle_passes: false,
     };
 
     fn new(settings: LatchDelaySettings) -> Self {
@@ -74,7 +74,7 @@ impl Method for LatchDelay {
                 if let PositionSource::Measured(readings) = source {
                     observe::check_search_result(plan, &feeds, readings)?;
                 }
-                let name = format!("{} and {} mm/min", feeds.measuring_mm_min, feeds.fast_mm_min);
+                let name = format!("{} and {} mm/min", feeds.measuring_feed_mm_min, feeds.fast_feed_mm_min);
                 (name, touch_path.alternating_steps(&feeds, self.settings.touches))
             }
             _ => return Ok(NextStage::NoFurtherStage),
@@ -95,15 +95,15 @@ pub struct LatchDelayResult {
     /// Latch delay, s, positive if late.
     pub delay_s: f64,
     /// Description of a delay that exceeds its uncertainty. `None` for a smaller delay.
-    pub delay_text: Option<String>,
+    pub significant_delay_text: Option<String>,
     /// Description of slow touches that scatter more than explained. `None`: the scatter is explained, or no scatter is
     /// declared.
-    pub scatter_text: Option<String>,
+    pub excess_scatter_text: Option<String>,
     /// Standard deviation of a slow touch, mm.
     pub slow_touch_std_dev_mm: f64,
     /// Largest standard deviation of the slow touches that the declared scatter and a PLC scan explain, mm. `None`: no
     /// scatter is declared.
-    pub max_explained_scatter_mm: Option<f64>,
+    pub max_explained_slow_touch_std_dev_mm: Option<f64>,
 }
 
 impl LatchDelayResult {
@@ -115,10 +115,10 @@ impl LatchDelayResult {
             latch_diagnosis: run.plc_scan_test.latch_diagnosis,
             latch_text: result_texts::describe_latch(&run),
             delay_s: run.fitted.delay_s,
-            delay_text: result_texts::describe_delay(&run),
-            scatter_text: result_texts::describe_scatter(&run),
+            significant_delay_text: result_texts::describe_significant_delay(&run),
+            excess_scatter_text: result_texts::describe_excess_scatter(&run),
             slow_touch_std_dev_mm: run.fitted.scatter_by_feed[0].std_dev_mm,
-            max_explained_scatter_mm: result_texts::max_explained_slow_touch_std_dev_mm(&run),
+            max_explained_slow_touch_std_dev_mm: result_texts::max_explained_slow_touch_std_dev_mm(&run),
         })
     }
 }

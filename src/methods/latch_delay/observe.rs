@@ -82,7 +82,7 @@ pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]
         format!(
             "the first contact was after {at:.3} mm of a touch of {length:.3} mm; a touch at {} \
              mm/min needs {:.3} mm before the contact and {:.3} mm beyond it",
-            feeds.fast_mm_min, feeds.fast_run_up_mm, feeds.fast_touch_margin_mm
+            feeds.fast_feed_mm_min, feeds.fast_run_up_mm, feeds.fast_touch_margin_mm
         ),
         "the part is not within uncertainty_mm of its stated position: correct centre_mm \
                   in [artefact], or mount the part again",
@@ -96,7 +96,7 @@ pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]
 /// of them; touches are of different positions or contact the part before they reach their feed.
 pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouches, IdentifyError> {
     let steps: Vec<&Step> = plan.steps.iter().filter(|step| step.label != SEARCH_STEP_LABEL).collect();
-    IdentifyError::check_readings(plan, readings)?;
+    IdentifyError::check_known_and_unique(plan, readings)?;
     if let Some(step) = steps.iter().find(|step| readings.iter().all(|reading| reading.step != step.id)) {
         return Err(IdentifyError::missing_reading(step));
     }
@@ -116,7 +116,7 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
         for reading in of_step.filter(|reading| reading.flag == ReadingFlag::None) {
             let contact_distance_mm = contact_distance_at_full_feed(plan, step, reading)?;
             let feed_index = usize::from(step.feed_mm_min == feeds_mm_min[1]);
-            let interruption_count = plan.gaps_s.iter().filter(|gap| reading.t_s > **gap).count();
+            let interruption_count = plan.interruption_times_s.iter().filter(|gap| reading.t_s > **gap).count();
             let sequence = order + reading.repeat as usize * steps.len();
             touches.push((
                 sequence,

@@ -25,7 +25,7 @@ pub fn build_outputs(observed: &ObservedTouches, x: &[f64], delay_slope: &[f64])
         y: line.map(|speed| overtravel(speed).value).to_vec(),
         unit: Unit::Um,
         figure: FunctionFigureKind::Curve,
-        slopes: line.into_iter().filter_map(|speed| overtravel(speed).slope).collect(),
+        slopes: line.into_iter().filter_map(|speed| overtravel(speed).linear_slope).collect(),
     };
     let parameters =
         vec![OutputParameter::from_coefficients(DELAY_SYMBOL, Unit::Ms, delay_slope.to_vec(), x), overtravel(slow)];

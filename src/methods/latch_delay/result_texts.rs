@@ -58,7 +58,7 @@ pub fn describe_latch(run: &EvaluatedRun) -> String {
 }
 
 /// Text on a delay that exceeds its uncertainty. `None` for a smaller delay.
-pub fn describe_delay(EvaluatedRun { observed, fitted, .. }: &EvaluatedRun) -> Option<String> {
+pub fn describe_significant_delay(EvaluatedRun { observed, fitted, .. }: &EvaluatedRun) -> Option<String> {
     let [slow, _] = observed.feeds_mm_min;
     let (delay_ms, expanded_ms) = (fitted.delay_s * 1e3, fitted.delay_uncertainty.expanded() * 1e3);
     if delay_ms > expanded_ms {
@@ -80,7 +80,7 @@ pub fn describe_delay(EvaluatedRun { observed, fitted, .. }: &EvaluatedRun) -> O
 }
 
 /// Text on slow touches that scatter more than explained. `None`: the scatter is explained, or no scatter is declared.
-pub fn describe_scatter(run: &EvaluatedRun) -> Option<String> {
+pub fn describe_excess_scatter(run: &EvaluatedRun) -> Option<String> {
     let (declared_mm, scatter_mm) = (run.declared_scatter_mm?, run.fitted.scatter_by_feed[0].std_dev_mm);
     if scatter_mm <= max_explained_slow_touch_std_dev_mm(run)? {
         return None;
@@ -100,7 +100,10 @@ pub fn estimate_warnings(run: &EvaluatedRun) -> Vec<String> {
     let latch_warning = (!is_without_scan).then(|| describe_latch(run));
     let time_warning = || "the readings have no times (t_s): the drift is fitted over their order".to_owned();
     let time_warning = (!run.observed.has_times).then(time_warning);
-    [latch_warning, describe_delay(run), describe_scatter(run), time_warning].into_iter().flatten().collect()
+    [latch_warning, describe_significant_delay(run), describe_excess_scatter(run), time_warning]
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 /// Text such as `F = 840 against 4.7 at 1 %`.

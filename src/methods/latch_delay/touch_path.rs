@@ -82,8 +82,8 @@ impl TouchEndsAndNormal {
     /// Touches in the order slow, fast, fast, slow and so on, so that a uniform drift affects both feeds alike. The
     /// slow ones are references: after an interruption they show whether the part has moved.
     pub fn alternating_steps(&self, feeds: &TouchFeeds, touches_per_feed: u32) -> Vec<Step> {
-        let slow = (StepKind::Reference, feeds.measuring_mm_min);
-        let fast = (StepKind::Touch, feeds.fast_mm_min);
+        let slow = (StepKind::Reference, feeds.measuring_feed_mm_min);
+        let fast = (StepKind::Touch, feeds.fast_feed_mm_min);
         let pairs = (0..touches_per_feed).flat_map(|pair| {
             let both = if pair % 2 == 0 { [slow, fast] } else { [fast, slow] };
             both.map(|(kind, feed)| self.touch_step(kind, format!("F{feed}/{:02}", pair + 1), feed))
@@ -116,7 +116,7 @@ fn flank_touch(
     };
     let mut unreachable = None;
     for degrees in directions {
-        let path = flank_touch_from(plan, part, horizontal_direction(degrees), half_travel_mm)?;
+        let path = flank_touch_from_direction(plan, part, horizontal_direction(degrees), half_travel_mm)?;
         match axis_out_of_travel(plan, &path) {
             None => return Ok(path),
             Some(axis) => unreachable = unreachable.or(Some(axis)),
@@ -132,7 +132,7 @@ fn flank_touch(
     ))
 }
 
-fn flank_touch_from(
+fn flank_touch_from_direction(
     plan: &Plan,
     part: &Cylinder,
     towards: Vector3<f64>,
@@ -145,7 +145,7 @@ fn flank_touch_from(
     let towards = table.inverse() * towards;
     let level = towards - axis * towards.dot(&axis);
     let outward = unit_vector(level).unwrap_or_default();
-    let middle = Vector3::from(part.centre_mm) + axis * part.height_mm / 2.0;
+    let middle = Vector3::from(part.foot_mm) + axis * part.height_mm / 2.0;
     let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     let position = |clearance_mm: f64| {
         let reach = part.radius_mm + plan.probe.ball_radius_mm + clearance_mm;

@@ -23,7 +23,7 @@ pub fn calibrate_layout_sensors(
     data: &HarmonicData,
 ) -> Result<SensorCalibration, IdentifyError> {
     let sensors = layout.channels.iter().map(|channel| DeclaredSensor {
-        cross_section_index: match channel.surface {
+        radial_cross_section_index: match channel.surface {
             MeasuredSurface::Section(section) => Some(section),
             MeasuredSurface::Face { .. } => None,
         },
@@ -37,13 +37,13 @@ pub fn calibrate_layout_sensors(
 
 pub fn correct_row_gains(calibration: &SensorCalibration, rows: &mut [ChannelRevolutions]) {
     for row in rows {
-        let gain = 1.0 + calibration.gain_and_angle_deviations[row.key.channel_index];
+        let gain = 1.0 + calibration.gain_then_angle_deviations[row.key.channel_index];
         row.revolutions.iter_mut().flatten().for_each(|value| *value /= gain);
     }
 }
 
 pub fn correct_channel_angles(calibration: &SensorCalibration, layout: &mut ProbeLayout) {
-    let angles = &calibration.gain_and_angle_deviations[layout.channels.len()..];
+    let angles = &calibration.gain_then_angle_deviations[layout.channels.len()..];
     layout.channels.iter_mut().zip(angles).for_each(|(channel, by)| channel.angle_rad += by);
 }
 
@@ -62,7 +62,7 @@ pub fn calibration_parameters(
         };
         let u = calibration.covariance[(i, i)].sqrt();
         let is_better = u < MAX_REPORTED_TO_DECLARED_U_RATIO * declared;
-        is_better.then(|| parameter_without_budget(&symbol, unit, calibration.gain_and_angle_deviations[i], u, None))
+        is_better.then(|| parameter_without_budget(&symbol, unit, calibration.gain_then_angle_deviations[i], u, None))
     };
     (0..2 * count).filter_map(parameter).collect()
 }

@@ -199,7 +199,9 @@ fn check_and_remove_wrong_mounting(
              wrong"
                 .to_owned(),
         ),
-        LayoutCheck::Faulty(fault @ LayoutFault::WrongIndex { first_index, affects_later_mountings: false, .. }) => {
+        LayoutCheck::Faulty(
+            fault @ LayoutFault::WrongIndexAngle { first_index, affects_later_mountings: false, .. },
+        ) => {
             observed.all_rows.retain(|row| row.key.mounting_index != first_index);
             observed.forward_rows.retain(|row| row.key.mounting_index != first_index);
             Some(format!("not used: {fault}"))

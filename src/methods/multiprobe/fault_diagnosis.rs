@@ -13,7 +13,7 @@ use crate::IdentifyError;
 /// A correction is accepted if it reduces χ² to less than this fraction of the uncorrected value.
 const MAX_CORRECTED_CHI2_RATIO: f64 = 0.1;
 /// Probability that χ² of a correct layout is below the bound.
-const CHI2_PROBABILITY: f64 = 0.998;
+const CHI2_BOUNDS_PROBABILITY: f64 = 0.998;
 /// The index angles count as verifiable if a wrong index angle would increase χ² by more than this value.
 const VERIFIABLE_INDEX_CHI2_INCREASE: f64 = 25.0;
 /// Step of the second search for the index offset, near the best offset of the first search. The first search uses
@@ -32,12 +32,12 @@ pub enum LayoutFault {
         if *.affects_later_mountings { " and all later mountings" } else { "" },
         if *.affects_later_mountings { "these mountings" } else { "this mounting" }
     )]
-    WrongIndex { first_index: usize, affects_later_mountings: bool, offset_deg: f64 },
+    WrongIndexAngle { first_index: usize, affects_later_mountings: bool, offset_deg: f64 },
     #[error(
         "the artefact was turned in the opposite direction at each mounting (clockwise seen from \
          its tip): correct turn_deg, or measure again"
     )]
-    MirroredIndexes,
+    MirroredIndexAngles,
     #[error("the clock of channel {channel} is {:.2} % fast: correct this clock, and measure \
              again", .relative_error * 100.0)]
     ClockError { channel: String, relative_error: f64 },
@@ -60,7 +60,7 @@ fn is_chi2_plausible(chi2: f64, dof: usize, expected_chi2_ratio: f64, data: &Har
     // The scatter in the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
     let of_scatter = data.harmonic_scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let expected = expected_chi2_ratio.max(1.0) / (1.0 - (2.0 / of_scatter).min(0.9));
-    chi_square_bounds(dof as f64, CHI2_PROBABILITY).is_none_or(|(_, upper)| chi2 <= upper * expected)
+    chi_square_bounds(dof as f64, CHI2_BOUNDS_PROBABILITY).is_none_or(|(_, upper)| chi2 <= upper * expected)
 }
 
 /// Checks channels and mounting angles against the form of the artefact. Searches for one change of the layout that
@@ -95,7 +95,8 @@ pub fn check_layout(
         };
         if let Some((sum, offset_rad)) = least_chi2_and_index_offset_rad(layout, data, is_moved)? {
             let offset_deg = offset_rad.to_degrees();
-            explained.push((sum, LayoutFault::WrongIndex { first_index: first, affects_later_mountings, offset_deg }));
+            explained
+                .push((sum, LayoutFault::WrongIndexAngle { first_index: first, affects_later_mountings, offset_deg }));
         }
     }
     let best = explained.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
@@ -118,7 +119,7 @@ fn candidate_faulty_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, LayoutFau
     });
     let mut mirrored = layout.clone();
     mirrored.index_angles_rad.iter_mut().for_each(|angle| *angle = -*angle);
-    swapped.chain([(mirrored, LayoutFault::MirroredIndexes)]).collect()
+    swapped.chain([(mirrored, LayoutFault::MirroredIndexAngles)]).collect()
 }
 
 /// Increase of χ² if the index number `index`, from 0, is shifted by one step.

@@ -30,7 +30,7 @@ impl SeparationFit {
             unknown_names: layout.unknown_names(order),
             observations_mm: data.observations(order),
             sigma_mm: data.observation_std_u_mm(order),
-            group_indices: channels.repeat(2),
+            reduction_group_indices: channels.repeat(2),
         };
         BlockwiseFit::new((1..=data.max_order()).map(equations)).map(Self)
     }

@@ -47,7 +47,10 @@ pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
 ///
 /// # Errors
 /// Names the two sensors, and the best angle for the second one outside the `obstructed_ranges`.
-pub fn check_sensor_angles(layout: &ProbeLayout, obstructed_ranges: &[AngleRange]) -> Result<(), MethodRefusal> {
+pub fn check_no_coinciding_sensors(
+    layout: &ProbeLayout,
+    obstructed_ranges: &[AngleRange],
+) -> Result<(), MethodRefusal> {
     let channels = layout.channels.iter().enumerate();
     let mut pairs = channels.flat_map(|(i, first)| layout.channels[i + 1..].iter().map(move |second| [first, second]));
     let is_coinciding = |[first, second]: &[&SensorChannel; 2]| {
@@ -114,7 +117,7 @@ pub fn check_harmonic_orders(
         || "add a sensor, or reduce harmonics".to_owned(),
         |count| format!("index the artefact in {count} steps of {:.2}°", 360.0 / count as f64),
     );
-    let (sensors, lost, symbol) = (layout.channels.len(), undetermined.len(), component.symbol(layout.axis));
+    let (sensors, lost, symbol) = (layout.channels.len(), undetermined.len(), component.symbol(layout.measured_axis));
     let why = format!(
         "{sensors} sensors with {indexes} indexes do not determine {lost} harmonics of the error \
          motions; the first is {symbol} harmonic {order}"
@@ -134,7 +137,7 @@ pub fn describe_weak_points(
     let axial: Vec<MotionOrForm> = layout.components().into_iter().filter(|c| *c == MotionOrForm::Z).collect();
     let lost = undetermined_orders(layout, &axial, &(1..=harmonics))?;
     let lost: Vec<String> = lost.iter().map(|(_, order)| order.to_string()).collect();
-    let [ex, ez] = [MotionOrForm::X, MotionOrForm::Z].map(|component| component.symbol(layout.axis));
+    let [ex, ez] = [MotionOrForm::X, MotionOrForm::Z].map(|component| component.symbol(layout.measured_axis));
     let lost = (!lost.is_empty()).then(|| format!(" Harmonics of {ez} that are not measured: {}.", lost.join(", ")));
     let gains = noise_gain_by_order(&layout.reduced_to_first_section(), SeparationMethod::Combined, 2..=harmonics)?;
     let weakest = gains.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, gain)| {

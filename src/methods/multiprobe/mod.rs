@@ -55,12 +55,12 @@ impl RegisteredMethod for Multiprobe {
         required_setup: "a datum cylinder on an indexing stage on the rotary table, three or more displacement sensors",
         results: "five error motions of the rotary table over its angle (all but EC), form of the cylinder, \
                 eccentricity",
-        machine_file: "multiprobe.toml",
+        default_machine_file: "multiprobe.toml",
         source: "D. Maldonado Pimiento, F. Viprey, S. Lavernhe, G. Poulachon: Novel in-situ methodology for \
                 geometric error characterisation of rotary axis errors on multi-axis machine tool. 15th \
                 Lamdamap Conference (2023)",
         symbol_names: symbol_names::SYMBOL_NAMES,
-        has_passes: false,
+        has_cycle_passes: false,
     };
 
     fn new(settings: MultiprobeSettings) -> Self {

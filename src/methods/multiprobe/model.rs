@@ -79,7 +79,7 @@ pub struct ProbeLayout {
     /// φn of each mounting, relative to the first one, rad.
     pub index_angles_rad: Vec<f64>,
     /// The table's axis.
-    pub axis: Axis,
+    pub measured_axis: Axis,
     /// σ: +1 if a positive command turns the table counter-clockwise seen from +Z, −1 for C of ISO 841, where the tool
     /// turns counter-clockwise relative to the workpiece.
     pub turn_sign: f64,
@@ -111,7 +111,7 @@ impl ProbeLayout {
             section_z_mm: vec![0.0],
             reference_z_mm: 0.0,
             index_angles_rad: equal_index_angles_rad(index_count),
-            axis: Axis::C,
+            measured_axis: Axis::C,
             turn_sign: 1.0,
         }
     }
@@ -176,7 +176,7 @@ impl ProbeLayout {
 
     /// Names of the columns of [`design_matrix`](Self::design_matrix).
     pub fn unknown_names(&self, order: usize) -> Vec<String> {
-        let name = |component: MotionOrForm, part| format!("{}_{part}{order}", component.symbol(self.axis));
+        let name = |component: MotionOrForm, part| format!("{}_{part}{order}", component.symbol(self.measured_axis));
         self.components().into_iter().flat_map(|c| ["c", "s"].map(|part| name(c, part))).collect()
     }
 }

@@ -2,7 +2,7 @@
 
 use estimation::revolutions::{
     AngleSample, ChannelRevolutions, RejectedRevolutions, ResampleFilter, Resampler, StopScan, append_revolutions,
-    common_and_rejected_revolutions, invalidate_saturated_samples, remove_channels_with_missing_revolutions,
+    common_and_rejected_revolutions, invalidate_saturated_samples, remove_channels_with_fewer_revolutions,
 };
 use std::collections::BTreeSet;
 
@@ -147,7 +147,7 @@ impl ObservedRevolutions {
 
     /// Adds the rows of an index. Channels with missing revolutions are omitted.
     fn add_complete_rows(&mut self, setup: &MultiprobeSetup<'_>, index: usize, mut rows: Vec<ChannelRevolutions>) {
-        for row in remove_channels_with_missing_revolutions(&mut rows) {
+        for row in remove_channels_with_fewer_revolutions(&mut rows) {
             let name = &setup.layout.channels[row.channel_index].name;
             self.omission_descriptions.push(format!(
                 "mounting {}: {name} is not used: its revolutions in one direction are incomplete",

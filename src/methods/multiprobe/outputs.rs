@@ -31,7 +31,7 @@ impl<'a> ReportedMotions<'a> {
         let pairs = [(MotionOrForm::X, MotionOrForm::Y), (MotionOrForm::A, MotionOrForm::B)];
         let co_rotating = |(a, b)| co_rotating_directions(layout, a, b);
         let removed: Vec<Vec<f64>> = pairs.into_iter().flat_map(co_rotating).collect();
-        let [(x, y), (a, b)] = pairs.map(|(a, b)| (a.symbol(layout.axis), b.symbol(layout.axis)));
+        let [(x, y), (a, b)] = pairs.map(|(a, b)| (a.symbol(layout.measured_axis), b.symbol(layout.measured_axis)));
         let gauge = format!(
             "the co-rotating first harmonic of ({x}, {y}) and ({a}, {b}) is zero: inseparable from the eccentricity \
              and tilt of the artefact and of the indexing stage"
@@ -52,7 +52,8 @@ impl<'a> ReportedMotions<'a> {
     pub fn describe_not_identifiable(&self) -> Vec<String> {
         let lost_harmonics = |(component, parts): &(MotionOrForm, Vec<Option<HarmonicDerivatives>>)| {
             let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
-            let name = |(_, order): (_, usize)| format!("{} harmonic {order}", component.symbol(self.layout.axis));
+            let name =
+                |(_, order): (_, usize)| format!("{} harmonic {order}", component.symbol(self.layout.measured_axis));
             lost.map(name).collect::<Vec<String>>()
         };
         let combinations = self.fit.blocks.iter().flat_map(|harmonic| harmonic.undetermined_names.clone());
@@ -77,7 +78,7 @@ impl<'a> ReportedMotions<'a> {
         };
         let first = usize::from(component.is_artefact_form());
         HarmonicFunction {
-            symbol: component.symbol(self.layout.axis),
+            symbol: component.symbol(self.layout.measured_axis),
             unit: component_unit(*component),
             harmonics: parts.iter().enumerate().skip(first).filter_map(harmonic).collect(),
         }

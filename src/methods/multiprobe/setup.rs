@@ -55,7 +55,7 @@ impl<'a> MultiprobeSetup<'a> {
                 _ => line.point.z,
             },
             index_angles_rad: equal_index_angles_rad(settings.indexes),
-            axis: table.axis,
+            measured_axis: table.axis,
             turn_sign: table.turn_sign,
         };
         let start_position = at.filter_axes(|axis| axis != table.axis);
@@ -77,7 +77,7 @@ impl<'a> MultiprobeSetup<'a> {
     pub fn check_separability(&self) -> Result<(), MethodRefusal> {
         let layout = &self.layout;
         layout_checks::check_surfaces(layout)?;
-        layout_checks::check_sensor_angles(layout, &self.settings.obstructed_ranges())?;
+        layout_checks::check_no_coinciding_sensors(layout, &self.settings.obstructed_ranges())?;
         let is_radial =
             |c: &MotionOrForm| matches!(c, MotionOrForm::X | MotionOrForm::Y | MotionOrForm::A | MotionOrForm::B);
         let motions: Vec<MotionOrForm> = layout.components().into_iter().filter(is_radial).collect();
@@ -92,7 +92,7 @@ fn sensor_channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]
         angle_rad: surface.sensor_angle_rad,
         surface: match surface.section_index {
             Some(section) => MeasuredSurface::Section(number(section).unwrap_or_default()),
-            None => MeasuredSurface::Face { radius_mm: surface.face_radius_mm },
+            None => MeasuredSurface::Face { radius_mm: surface.face_point_radius_mm },
         },
     }
 }

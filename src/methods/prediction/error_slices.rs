@@ -30,7 +30,7 @@ impl ErrorPredictor<'_> {
     ///
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
-    pub fn error_slices(&self, at: &Position) -> Result<Vec<ErrorSlice>, MethodRefusal> {
+    pub fn xy_and_rotary_error_slices(&self, at: &Position) -> Result<Vec<ErrorSlice>, MethodRefusal> {
         self.check_has_measured_ranges()?;
         let ranged = |axis: &Axis| self.measured_ranges.get(axis).filter(|[least, most]| least < most);
         let middle = |[least, most]: &[f64; 2]| 0.5 * (least + most);

@@ -104,7 +104,7 @@ impl<'a> ErrorPredictor<'a> {
             WorkZero::Pose(zero) => Some(zero),
             WorkZero::EachRotaryPosition => None,
         };
-        let measured_ranges = &estimate.measured;
+        let measured_ranges = &estimate.measured_ranges;
         let undetermined_spindle = spindle.undetermined;
         Ok(Self {
             chain,

@@ -20,7 +20,7 @@ const POSES: [([f64; 3], BcsAnglesRad); 4] = [
 ];
 
 /// A stylus of exactly the stated length, on the axis of the spindle.
-const STATED: StatedStylusUncertainty = StatedStylusUncertainty { offset_mm: Some(0.0), length_mm: Some(0.0) };
+const STATED: StatedStylusUncertainty = StatedStylusUncertainty { offset_u_mm: Some(0.0), length_u_mm: Some(0.0) };
 
 fn machine() -> Machine {
     built_in::built_in_plan().machine
@@ -32,7 +32,7 @@ fn position(xyz: [f64; 3], [b, c, s]: BcsAnglesRad) -> Position {
 
 fn estimate_with_measured_ranges() -> Estimate {
     let mut estimate = exact_estimate();
-    estimate.measured = [(Axis::B, [-90.0, 90.0]), (Axis::X, [-300.0, 300.0])].into();
+    estimate.measured_ranges = [(Axis::B, [-90.0, 90.0]), (Axis::X, [-300.0, 300.0])].into();
     estimate
 }
 
@@ -128,10 +128,10 @@ fn correction_removes_the_error_and_leaves_its_uncertainty() {
 #[test]
 fn slice_values_equal_the_errors_of_single_poses() {
     let (machine, mut estimate) = (machine(), estimate_with_measured_ranges());
-    estimate.measured.extend([(Axis::C, [0.0, 360.0]), (Axis::Y, [-100.0, 100.0]), (Axis::Z, [300.0, 500.0])]);
+    estimate.measured_ranges.extend([(Axis::C, [0.0, 360.0]), (Axis::Y, [-100.0, 100.0]), (Axis::Z, [300.0, 500.0])]);
     let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let tilted = position([0.0; 3], [0.5, 1.0, 0.0]);
-    let slices = predictor.error_slices(&tilted).unwrap();
+    let slices = predictor.xy_and_rotary_error_slices(&tilted).unwrap();
     assert_eq!(slices.len(), 5);
     let at = predictor.pose_error(&position([300.0, -100.0, 400.0], [0.0; 3]));
     assert!((slices[0].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
@@ -141,9 +141,12 @@ fn slice_values_equal_the_errors_of_single_poses() {
     let at = predictor.pose_error(&position([0.0, 0.0, 400.0], [-90_f64.to_radians(), std::f64::consts::TAU, 0.0]));
     assert!((slices[4].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
     assert_eq!((slices[4].horizontal_axis.0, slices[4].vertical_axis.0), (Axis::C, Axis::B));
-    estimate.measured.clear();
+    estimate.measured_ranges.clear();
     assert!(
-        ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap().error_slices(&tilted).is_err()
+        ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin)
+            .unwrap()
+            .xy_and_rotary_error_slices(&tilted)
+            .is_err()
     );
 }
 
@@ -183,11 +186,11 @@ fn prediction_outside_the_measured_ranges_is_refused() {
     // An axis that the pose does not name is at 0.
     let why = predictor.check_measured_range(&Position::new().with(Axis::C, 1.0)).unwrap_err().reason;
     assert!(why.contains("C 57.296 was not measured"), "{why}");
-    estimate.measured.insert(Axis::Z, [300.0, 500.0]);
+    estimate.measured_ranges.insert(Axis::Z, [300.0, 500.0]);
     let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let why = predictor.check_measured_range(&Position::new().with(Axis::X, 1.0)).unwrap_err().reason;
     assert!(why.contains("Z 0.000 is outside 300.000 to 500.000"), "{why}");
-    estimate.measured.clear();
+    estimate.measured_ranges.clear();
     let predictor = ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
     assert!(predictor.check_measured_range(&Position::new()).unwrap_err().reason.contains("does not contain"));
     // An estimate of another machine.
@@ -220,7 +223,7 @@ fn touch_reading(truth: &ReferenceMachine, place: Vector3<f64>, bcs_rad: BcsAngl
 fn touch_gives_its_true_ball_centre_and_uncertainty() {
     let (mut plan, mut estimate) = (built_in::built_in_plan(), estimate_with_measured_ranges());
     plan.probe.lobing_um = 0.0;
-    plan.probe.stylus_offset_um = 0.0;
+    plan.probe.u_stylus_offset_um = 0.0;
     for spec in plan.machine.axes.values_mut() {
         (spec.error_motion_um, spec.resolution_um) = (0.0, 0.0);
     }
@@ -290,7 +293,7 @@ fn points_use_the_identified_stylus() {
     assert!((point.position_mm - place).norm() < 1e-9, "{point:?}");
     assert!((point.u_mm - Vector3::repeat(1e-3)).norm() < 1e-6, "{point:?}");
     // 10 µm in each coordinate, as stylus_offset_um declares.
-    plan.probe.stylus_offset_um = 10.0;
+    plan.probe.u_stylus_offset_um = 10.0;
     let stated = WorkpieceTransform::new(&plan, None).unwrap().point_in_workpiece_frame(&reading).unwrap();
     assert!((stated.u_mm - Vector3::repeat(0.01)).norm() < 1e-6, "{stated:?}");
 }
@@ -303,7 +306,7 @@ fn volume_errors_of_an_axis_offset_have_the_expected_size() {
     estimate.parameters.retain(|parameter| parameter.symbol == "EX0C");
     estimate.covariance.symbols = vec!["EX0C".to_owned()];
     estimate.covariance.rows = vec![vec![4.0]];
-    estimate.measured = [(Axis::C, [0.0, 330.0]), (Axis::Z, [400.0, 400.0])].into();
+    estimate.measured_ranges = [(Axis::C, [0.0, 330.0]), (Axis::Z, [400.0, 400.0])].into();
     let predictor = ErrorPredictor::new(&machine(), STATED, &estimate, WorkZero::TableOrigin).unwrap();
     let poses = predictor.volume_grid_poses().unwrap();
     assert_eq!(poses.len(), 12);

@@ -98,7 +98,7 @@ impl<'a> WorkpieceTransform<'a> {
             (0..3).partition(|k| self.stylus.estimated_coordinate_indices.contains(k));
         let no_effect = Vector3::zeros;
         columns.extend(estimated.into_iter().map(|k| if is_touch { by_stylus(k) } else { no_effect() }));
-        let offset_mm = if is_touch { self.plan.probe.stylus_offset_um * 1e-3 } else { 0.0 };
+        let offset_mm = if is_touch { self.plan.probe.u_stylus_offset_um * 1e-3 } else { 0.0 };
         let own = coordinate_std_u_mm(self.plan, is_touch, reading.t_s).powi(2);
         let own =
             stated.into_iter().fold(Vector3::repeat(own), |sum, k| sum + (by_stylus(k) * offset_mm).map(|mm| mm * mm));

@@ -125,7 +125,7 @@ fn describe_not_identifiable(setup: &QualificationSetup<'_>, fitted: &Qualificat
     let higher: Vec<String> = higher.map(u32::to_string).collect();
     if !higher.is_empty() {
         let orders = higher.join(", ");
-        lines.push(match setup.settings.form_um {
+        lines.push(match setup.settings.certified_roundness_um {
             Some(form_um) => format!(
                 "map at order {orders}: inseparable from the form of the ball, which is certified to {form_um} µm"
             ),

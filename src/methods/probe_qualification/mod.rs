@@ -35,10 +35,10 @@ impl RegisteredMethod for ProbeQualification {
             the pre-travel map of the probe",
         results: "repeatability of the touch probe, its pre-travel as a function of direction and of feed; \
             the stylus offset if the spindle can be oriented",
-        machine_file: "probe-qualification.toml",
+        default_machine_file: "probe-qualification.toml",
         source: "documentation of trued",
         symbol_names: symbol_names::SYMBOL_NAMES,
-        has_passes: false,
+        has_cycle_passes: false,
     };
 
     fn new(settings: ProbeQualificationSettings) -> Self {

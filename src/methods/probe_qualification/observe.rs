@@ -65,7 +65,7 @@ struct StepReading<'a> {
     /// Positions of all axes.
     position: Position,
     /// Stylus centre, table frame, mm.
-    stylus_centre_mm: Vector3<f64>,
+    stylus_centre_in_table_mm: Vector3<f64>,
 }
 
 impl StepReading<'_> {
@@ -79,7 +79,7 @@ impl StepReading<'_> {
 pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> Result<ObservedTouches, IdentifyError> {
     let step_readings = match_readings(setup, readings)?;
     let slow = step_readings.iter().filter(|step_reading| !step_reading.is_fast(setup));
-    let points: Vec<[f64; 3]> = slow.map(|step_reading| step_reading.stylus_centre_mm.into()).collect();
+    let points: Vec<[f64; 3]> = slow.map(|step_reading| step_reading.stylus_centre_in_table_mm.into()).collect();
     let sphere = fit_sphere(&points).map_err(|reason| {
         MethodRefusal::new(
             format!("the slow touches do not fit a sphere: {reason}"),
@@ -90,9 +90,9 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
     let table = setup.chain.machine_from_table(&setup.rotary_nearest_zero, &[]).rotation;
     let mut groups = BTreeMap::new();
     let touch = |step_reading: &StepReading<'_>| {
-        let from_centre = table * (step_reading.stylus_centre_mm - Vector3::from(sphere.centre));
+        let from_centre = table * (step_reading.stylus_centre_in_table_mm - Vector3::from(sphere.centre));
         let normal = from_centre.normalize();
-        let gaps = setup.plan.gaps_s.iter();
+        let gaps = setup.plan.interruption_times_s.iter();
         let segment_index = gaps.filter(|gap| step_reading.reading.t_s > **gap).count();
         let number = groups.len();
         MeasuredTouch {
@@ -149,7 +149,7 @@ fn match_readings<'a>(
         }
         let at = step.from.updated_by(&reading.position);
         let tip = setup.chain.tip_in_table(&at, tip, &[]).mm;
-        step_readings.push(StepReading { step, reading, position: at, stylus_centre_mm: tip });
+        step_readings.push(StepReading { step, reading, position: at, stylus_centre_in_table_mm: tip });
     }
     Ok(step_readings)
 }

@@ -24,7 +24,7 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
     }
     for (index, order) in layout.map_orders.iter().enumerate() {
         // Without a certificate the form of the ball has no bound.
-        if *order > 1 && !layout.is_order_separable(*order) && setup.settings.form_um.is_none() {
+        if *order > 1 && !layout.is_order_separable(*order) && setup.settings.certified_roundness_um.is_none() {
             continue;
         }
         let unknowns = [layout.map_cosine_index(index), layout.map_cosine_index(index) + 1];
@@ -33,9 +33,15 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
     }
     parameters.push(OutputParameter::from_unknown("r_stylus", Unit::Um, layout.radius_index(), x));
     let mut curves = vec![azimuth_curve("E_probe", layout, x, layout.map_cosine_index(0), &layout.map_orders)];
-    if !layout.fast_orders.is_empty() {
+    if !layout.fast_difference_orders.is_empty() {
         parameters.push(OutputParameter::from_unknown("t_latch", Unit::Ms, layout.latch_delay_index(), x));
-        curves.push(azimuth_curve("E_probe_fast", layout, x, layout.fast_map_cosine_index(0), &layout.fast_orders));
+        curves.push(azimuth_curve(
+            "E_probe_fast",
+            layout,
+            x,
+            layout.fast_difference_cosine_index(0),
+            &layout.fast_difference_orders,
+        ));
     }
     IdentificationOutputs { linear_parameters: parameters, curves, nonlinear: None }
 }

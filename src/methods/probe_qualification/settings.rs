@@ -17,8 +17,8 @@ pub struct ProbeQualificationSettings {
     pub orders: u32,
     /// Roundness of the ball by its certificate: largest minus smallest radius of a section (RONt, ISO 12181-1).
     /// Absent: not certified.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub form_um: Option<f64>,
+    #[serde(rename = "form_um", skip_serializing_if = "Option::is_none")]
+    pub certified_roundness_um: Option<f64>,
     /// Orientations of the spindle, degrees. Absent: 0, 90, 180 and 270 if the spindle is an axis.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spindle_deg: Option<Vec<f64>>,
@@ -38,7 +38,7 @@ impl Default for ProbeQualificationSettings {
             azimuths: 24,
             repeats: 3,
             orders: 6,
-            form_um: None,
+            certified_roundness_um: None,
             spindle_deg: None,
             fast_feed_mm_min: None,
             standoff_mm: 0.5,
@@ -52,7 +52,7 @@ const MAX_REPEATS: u32 = 100;
 const MAX_HARMONIC_ORDER: u32 = 100;
 /// Distance before and beyond the expected contact that a touch needs in addition to the stylus offset, mm. A smaller
 /// sum is refused.
-const MIN_TOUCH_TRAVEL_MM: f64 = 0.1;
+const MIN_STANDOFF_AND_OVERTRAVEL_MM: f64 = 0.1;
 /// Number of standard uncertainties of the stylus offset that are added to the minimum travel of a touch. A half turn
 /// of the spindle displaces the
 /// stylus by twice its offset.
@@ -64,7 +64,7 @@ impl ProbeQualificationSettings {
     pub fn check(&self) -> Result<(), MethodRefusal> {
         MethodRefusal::check_number_ranges(
             &[("standoff_mm", self.standoff_mm), ("search_mm", self.search_mm)],
-            &[("form_um", self.form_um.unwrap_or(0.0))],
+            &[("form_um", self.certified_roundness_um.unwrap_or(0.0))],
         )?;
         MethodRefusal::require(
             (2..=MAX_REPEATS).contains(&self.repeats),
@@ -89,7 +89,7 @@ impl ProbeQualificationSettings {
     /// # Errors
     /// The touches are so short that a turned stylus could miss the ball.
     pub fn check_touch_length(&self, u_stylus_offset_mm: f64) -> Result<(), MethodRefusal> {
-        let least = MIN_TOUCH_TRAVEL_MM + STYLUS_OFFSET_SIGMAS * u_stylus_offset_mm;
+        let least = MIN_STANDOFF_AND_OVERTRAVEL_MM + STYLUS_OFFSET_SIGMAS * u_stylus_offset_mm;
         MethodRefusal::require(
             self.standoff_mm >= least && self.search_mm >= least,
             format!("standoff_mm and search_mm must be at least {least:.2}, because of the stylus offset"),

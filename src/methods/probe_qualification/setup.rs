@@ -42,7 +42,7 @@ impl<'a> QualificationSetup<'a> {
         let setup =
             Self { plan, settings, chain: KinematicChain::new(&plan.machine)?, balls, rotary_nearest_zero: rotary };
         settings.check_azimuths(setup.highest_order())?;
-        settings.check_touch_length(plan.probe.stylus_offset_um * 1e-3)?;
+        settings.check_touch_length(plan.probe.u_stylus_offset_um * 1e-3)?;
         let (slow, fast) = (plan.probe.feed_mm_min, setup.fast_feed_mm_min());
         MethodRefusal::require(
             fast > slow && fast <= plan.probe.search_feed_mm_min,
@@ -138,6 +138,6 @@ impl<'a> QualificationSetup<'a> {
             touches.extend(latest.first().map(|reading| step.from.updated_by(&reading.position)));
         }
         let measured = evaluate_ball(id, &touches, &self.plan.machine, &self.plan.probe);
-        Ok(measured.map_err(|error| refusal(error.to_string()))?.centre_mm)
+        Ok(measured.map_err(|error| refusal(error.to_string()))?.centre_in_table_mm)
     }
 }

@@ -62,11 +62,11 @@ pub fn uncertainty_sources(
             draw_distribution: DrawDistribution::Rectangular,
             ..joint_source("resolution", resolution_columns(setup, observed, scatter))
         },
-        joint_source("form of the ball", form_columns(setup, layout, touches)),
+        joint_source("form of the ball", ball_form_columns(setup, layout, touches)),
         joint_source("squareness of X, Y and Z", squareness_columns(setup, observed)),
         joint_source("backlash", backlash_columns(setup, touches)),
-        joint_source("error motions of S", spindle_columns(setup, observed)),
-        joint_source("error motions of X, Y and Z", linear_axis_columns(setup, touches)),
+        joint_source("error motions of S", spindle_error_columns(setup, observed)),
+        joint_source("error motions of X, Y and Z", linear_axis_error_columns(setup, touches)),
     ];
     list.retain(|source| !source.is_zero());
     list
@@ -96,8 +96,12 @@ fn resolution_columns(
 
 /// If the largest and smallest radius of a section differ by f, any order may have the amplitude f/2 at any phase. The
 /// cosine and sine parts of the order then have the standard deviation f/√8 each.
-fn form_columns(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
-    let size_mm = setup.settings.form_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
+fn ball_form_columns(
+    setup: &QualificationSetup<'_>,
+    layout: &UnknownsLayout,
+    touches: &[MeasuredTouch],
+) -> Vec<Vec<f64>> {
+    let size_mm = setup.settings.certified_roundness_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
     let orders = layout.map_orders.iter().filter(|order| **order > 1);
     let column = |order: u32, part: usize| {
         touches.iter().map(|touch| size_mm * harmonic_factors(order, &touch.normal_in_machine)[part]).collect()
@@ -117,7 +121,7 @@ fn squareness_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches
 }
 
 /// Error motion of the spindle: the ball is displaced in the spindle frame at each orientation.
-fn spindle_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -> Vec<Vec<f64>> {
+fn spindle_error_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -> Vec<Vec<f64>> {
     let size_mm = setup.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
     let column = |orientation: usize, k: usize| {
         let at = |touch: &MeasuredTouch| {
@@ -136,7 +140,7 @@ fn backlash_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -
     [0, 1, 2].map(column).into()
 }
 
-fn linear_axis_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
+fn linear_axis_error_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
     let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.axis_positions_mm).collect();
     let along = |k: usize, pattern: &[f64]| {
         touches.iter().zip(pattern).map(|(touch, by)| touch.normal_in_machine[k] * by).collect::<Vec<f64>>()

@@ -22,7 +22,7 @@ pub struct UnknownsLayout {
     /// Orders of the form of the ball: they do not turn with the spindle.
     pub ball_form_orders: Vec<u32>,
     /// Orders of the difference of the map at the fast feed. Empty without fast touches.
-    pub fast_orders: Vec<u32>,
+    pub fast_difference_orders: Vec<u32>,
 }
 
 /// Harmonic of the map: λ cos kα and λ sin kα.
@@ -42,7 +42,7 @@ impl UnknownsLayout {
             map_orders: (first..=highest_order).collect(),
             // Order 1 of the part that does not turn with the spindle is the centre of the ball.
             ball_form_orders: separable_orders.into_iter().filter(|k| *k > 1).collect(),
-            fast_orders: (1..=highest_order).filter(|_| has_fast).collect(),
+            fast_difference_orders: (1..=highest_order).filter(|_| has_fast).collect(),
         }
     }
 
@@ -75,16 +75,16 @@ impl UnknownsLayout {
         self.first_ball_form_index() + 2 * self.ball_form_orders.len()
     }
 
-    /// Index of the unknown for the cosine part of `fast_orders[index]`. The sine part is the next unknown.
-    pub fn fast_map_cosine_index(&self, index: usize) -> usize {
+    /// Index of the unknown for the cosine part of `fast_difference_orders[index]`. The sine part is the next unknown.
+    pub fn fast_difference_cosine_index(&self, index: usize) -> usize {
         self.latch_delay_index() + 1 + 2 * index
     }
 
     pub fn unknown_count(&self) -> usize {
-        if self.fast_orders.is_empty() {
+        if self.fast_difference_orders.is_empty() {
             self.latch_delay_index()
         } else {
-            self.fast_map_cosine_index(self.fast_orders.len())
+            self.fast_difference_cosine_index(self.fast_difference_orders.len())
         }
     }
 
@@ -105,8 +105,8 @@ impl UnknownsLayout {
         }
         if touch.is_fast {
             put(self.latch_delay_index(), &[-(observed.speeds_mm_s[1] - observed.speeds_mm_s[0])]);
-            for (index, order) in self.fast_orders.iter().enumerate() {
-                put(self.fast_map_cosine_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
+            for (index, order) in self.fast_difference_orders.iter().enumerate() {
+                put(self.fast_difference_cosine_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
             }
         }
         row
@@ -126,7 +126,10 @@ impl UnknownsLayout {
                 format!("order {} of the ball's form", order(&self.ball_form_orders, self.first_ball_form_index()))
             }
             _ if unknown == self.latch_delay_index() => "the latch delay".to_owned(),
-            _ => format!("order {} at the fast feed", order(&self.fast_orders, self.fast_map_cosine_index(0))),
+            _ => format!(
+                "order {} at the fast feed",
+                order(&self.fast_difference_orders, self.fast_difference_cosine_index(0))
+            ),
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::{LinearError, RankAnalysis};
 use estimation::nonlinear_least_squares::{NonlinearError, NonlinearSolution, minimise_squares};
 use estimation::null_space_names::name_null_space;
-use estimation::schur::factorise;
+use estimation::schur::factorise_and_project_right_side;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -22,8 +22,8 @@ use machine::record::reading::Reading;
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7274_6573;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
-const STABLE_DIGITS: u32 = 1;
-const MAX_TRIALS: usize = 20_000;
+const STABLE_U_DIGITS: u32 = 1;
+const MAX_MONTE_CARLO_TRIALS: usize = 20_000;
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     possible_causes: "a loose sensor or sphere, backlash of the table, a sensor that is not linear",
@@ -36,16 +36,16 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let nest = SensorNest::new(plan, settings)?;
     let observed = observe_means(&nest, readings)?;
-    let equation = weighted_equation(&nest, &observed);
+    let equation = weighted_equations(&nest, &observed);
     MethodRefusal::require(
         equation.unknowns.stop_count > 0,
         "the table has not turned: the readings contain only the calibration",
         "measure the stage `turns` as well",
     )?;
-    let minimum = solve_equation(&equation)?;
+    let minimum = solve_equations(&equation)?;
     equation.check_sensor_directions_and_gains(&minimum.x)?;
     let survey =
-        survey_rank(&equation, &minimum.x).map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
+        analyse_rank(&equation, &minimum.x).map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let unknowns = minimum.x.len();
     let weighted = minimum.residuals.iter().zip(&equation.observation_std_u_mm);
     let solution = SolvedModel {
@@ -62,7 +62,8 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
         measurements: &sensor_measurements(&equation, &minimum),
     };
     let sources = uncertainty_sources(&equation, &minimum.x);
-    let trials = TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let trials =
+        TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_U_DIGITS, MAX_MONTE_CARLO_TRIALS);
     let outputs = outputs::build_outputs(&equation, &minimum.x);
     let identified = identification::identify(&solution, &sources, outputs, Some(trials))?;
     let (axis, sphere) = (nest.measured_axis, nest.sphere_position());
@@ -94,7 +95,7 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
 }
 
 /// The equation, weighted by the sources that are independent between observations.
-pub fn weighted_equation<'a>(nest: &'a SensorNest<'a>, observed: &'a ObservedMeans) -> SensorEquations<'a> {
+pub fn weighted_equations<'a>(nest: &'a SensorNest<'a>, observed: &'a ObservedMeans) -> SensorEquations<'a> {
     let equation = SensorEquations::unweighted(nest, observed);
     let sigma = observation_standard_uncertainties(&equation);
     SensorEquations { observation_std_u_mm: sigma, ..equation }
@@ -102,14 +103,14 @@ pub fn weighted_equation<'a>(nest: &'a SensorNest<'a>, observed: &'a ObservedMea
 
 /// # Errors
 /// The means do not separate the unknowns, or the iteration does not converge.
-pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolution, IdentifyError> {
+pub fn solve_equations(equation: &SensorEquations<'_>) -> Result<NonlinearSolution, IdentifyError> {
     let sensors: Vec<&str> = equation.nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let names = equation.unknowns.unknown_names(&sensors);
     let unsolved = |why: NonlinearError| {
         let lost = |survey: &RankAnalysis| name_null_space(survey.null_space.as_ref(), &names);
         IdentifyError::from_solver_error(why, lost)
     };
-    let survey = survey_rank(equation, &equation.initial_values()).map_err(unsolved)?;
+    let survey = analyse_rank(equation, &equation.initial_values()).map_err(unsolved)?;
     if survey.nullity > 0 {
         return Err(unsolved(LinearError::RankDeficient(Box::new(survey)).into()));
     }
@@ -118,8 +119,8 @@ pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolutio
     minimise_squares(equation.initial_values(), |x| equation.row_blocks(x), residuals).map_err(unsolved)
 }
 
-fn survey_rank(equation: &SensorEquations<'_>, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
-    Ok(factorise(equation.row_blocks(x)).0.analyse_rank()?)
+fn analyse_rank(equation: &SensorEquations<'_>, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
+    Ok(factorise_and_project_right_side(equation.row_blocks(x)).0.analyse_rank()?)
 }
 
 /// One measurement for the mean of each sensor at each point.

@@ -35,10 +35,10 @@ impl RegisteredMethod for RTest {
         name: METHOD_NAME,
         required_setup: "a precision sphere in the spindle, three displacement sensors in the centre of the rotary table",
         results: "position of the rotary table's axis, its error motions in X, Y and Z over its angle",
-        machine_file: "r-test.toml",
+        default_machine_file: "r-test.toml",
         source: "documentation of trued",
         symbol_names: &[],
-        has_passes: false,
+        has_cycle_passes: false,
     };
 
     fn new(settings: RTestSettings) -> Self {

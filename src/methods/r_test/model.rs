@@ -170,7 +170,7 @@ impl<'a> SensorEquations<'a> {
     }
 
     /// Displayed minus fitted position of the sphere in X and Y.
-    fn sphere_residuals(&self, x: &[f64]) -> [f64; 2] {
+    fn sphere_position_residuals(&self, x: &[f64]) -> [f64; 2] {
         let first = self.unknowns.sphere_position_index();
         [0, 1].map(|k| self.nest.sphere_offset_from_axis_mm[k] - x[first + k])
     }
@@ -247,7 +247,7 @@ impl ObservationEquation for SensorEquations<'_> {
     fn weighted_residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
         let of_means = self.means.iter().map(|mean| mean.reading_mm - self.predicted_reading(mean, x));
         let rows: Vec<f64> =
-            of_means.chain(self.sphere_residuals(x)).zip(change).map(|(r, change)| r + change).collect();
+            of_means.chain(self.sphere_position_residuals(x)).zip(change).map(|(r, change)| r + change).collect();
         self.weighted_residual_change(&rows)
     }
 

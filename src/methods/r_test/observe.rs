@@ -117,7 +117,7 @@ impl ObservedMeans {
                 reading_mm: samples.iter().map(|(value, _)| value).sum::<f64>() / count,
                 sample_count: samples.len(),
                 mean_time_in_run_s: t_s,
-                earlier_interruption_count: nest.plan.gaps_s.iter().filter(|gap_s| t_s > **gap_s).count(),
+                earlier_interruption_count: nest.plan.interruption_times_s.iter().filter(|gap_s| t_s > **gap_s).count(),
             });
         }
     }

@@ -149,7 +149,7 @@ impl SourceBuilder<'_> {
 
     /// Offset of the sphere's centre from the spindle's axis.
     fn stylus_offset_columns(&self) -> Vec<Vec<f64>> {
-        let u = self.equation.nest.plan.probe.stylus_offset_um * 1e-3;
+        let u = self.equation.nest.plan.probe.u_stylus_offset_um * 1e-3;
         vec![self.observation_column(|_| 0.0, [u, 0.0]), self.observation_column(|_| 0.0, [0.0, u])]
     }
 

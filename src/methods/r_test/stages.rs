@@ -1,6 +1,6 @@
 //! Sequence of stages: the prompt and the calibration of the sensors, then the turns.
 
-use super::identify::{solve_equation, weighted_equation};
+use super::identify::{solve_equations, weighted_equations};
 use super::observe::{BACKWARD_STEP_LABEL, CALIBRATION_STEP_LABEL, FORWARD_STEP_LABEL, observe_means};
 use super::sensor_nest::SensorNest;
 use super::settings::RTestSettings;
@@ -44,8 +44,8 @@ fn check_sensor_calibration(nest: &SensorNest<'_>, readings: &[Reading]) -> Resu
     let failed =
         |why: String| MethodRefusal::new(why, "check that each sensor measures the sphere, then start a new run");
     let observed = observe_means(nest, readings).map_err(|error| failed(error.to_string()))?;
-    let equation = weighted_equation(nest, &observed);
-    let minimum = solve_equation(&equation).map_err(|error| failed(error.to_string()))?;
+    let equation = weighted_equations(nest, &observed);
+    let minimum = solve_equations(&equation).map_err(|error| failed(error.to_string()))?;
     equation.check_sensor_directions_and_gains(&minimum.x)
 }
 

@@ -33,7 +33,7 @@ const MIN_NAMED_COEFFICIENT: f64 = 1e-2;
 const UNIT_COEFFICIENT_TOLERANCE: f64 = 0.05;
 
 /// Distance of two balls with a certified length from their midpoint, mm.
-const SEPARABILITY_HALF_LENGTH_MM: f64 = 150.0;
+const SEPARABILITY_BALL_HALF_DISTANCE_MM: f64 = 150.0;
 /// Weight of a certified length relative to a measured coordinate, large enough to keep the length nearly
 /// fixed.
 const CERTIFIED_LENGTH_WEIGHT: f64 = 30.0;
@@ -171,8 +171,10 @@ impl MeasuringConditions<'_> {
         let mut positions = Vec::new();
         for (along, centre) in lengths.iter().zip(SEPARABILITY_BALL_CENTRES_MM.iter().cycle()) {
             let middle = Vector3::from(*centre) * 0.3;
-            positions
-                .extend([middle - along * SEPARABILITY_HALF_LENGTH_MM, middle + along * SEPARABILITY_HALF_LENGTH_MM]);
+            positions.extend([
+                middle - along * SEPARABILITY_BALL_HALF_DISTANCE_MM,
+                middle + along * SEPARABILITY_BALL_HALF_DISTANCE_MM,
+            ]);
         }
         positions.extend(SEPARABILITY_BALL_CENTRES_MM.map(Vector3::from));
         (positions, lengths)

@@ -37,7 +37,7 @@ impl GeometrySolution<'_> {
     pub fn checked_measurements(&self) -> Vec<CheckedMeasurement> {
         let residuals = self.position_residuals();
         ball_measurement::measurements_for_outlier_check(&self.observed, |centre| {
-            let u_mm = mean_coordinate_u_mm(&self.problem.weight_matrix(centre));
+            let u_mm = mean_coordinate_u_mm(&self.problem.whitening_matrix_from_table(centre));
             (residuals[centre], self.problem.first_row_of_measurement(centre), u_mm)
         })
     }
@@ -52,7 +52,7 @@ impl GeometrySolution<'_> {
                 (1..visits.len()).map(move |split| (visits.clone(), split))
             })
             .collect();
-        let moves = candidates.iter().map(|(visits, split)| self.fit_ball_move(visits, *split));
+        let moves = candidates.iter().map(|(visits, split)| self.chi2_reduction_and_ball_move(visits, *split));
         let (best, (reduction, displacement_mm)) =
             moves.enumerate().max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))?;
         let (visits, split) = &candidates[best];
@@ -87,11 +87,11 @@ impl GeometrySolution<'_> {
 
     /// Reduction of χ² by a displacement of the ball before its visit `first_moved`, and the displacement (table
     /// frame, mm): three more unknowns, with all others free.
-    fn fit_ball_move(&self, visits: &[usize], first_moved: usize) -> (f64, Vector3<f64>) {
+    fn chi2_reduction_and_ball_move(&self, visits: &[usize], first_moved: usize) -> (f64, Vector3<f64>) {
         let column = |axis: Axis| {
             let mut column = vec![0.0; self.minimum.residuals.len()];
             for centre in visits.iter().skip(first_moved) {
-                let effect = -(self.problem.weight_matrix(*centre) * axis.nominal_direction());
+                let effect = -(self.problem.whitening_matrix_from_table(*centre) * axis.nominal_direction());
                 column[self.problem.first_row_of_measurement(*centre)..][..3].copy_from_slice(effect.as_slice());
             }
             self.minimum.factorisation.residuals(&column)

@@ -43,15 +43,15 @@ pub struct ObservedValues {
 #[derive(Debug, Clone)]
 pub struct GeometryProblem {
     model: GeometryModel,
-    stylus: Vector3<f64>,
-    positions: Vec<Position>,
+    stated_stylus_mm: Vector3<f64>,
+    rotary_positions: Vec<Position>,
     measurements: Vec<BallMeasurement>,
     certified_lengths: Vec<LengthConstraint>,
     groups: Vec<BallGroup>,
     /// Index of the first coordinate of each ball among the unknowns.
     ball_unknowns: Vec<usize>,
     /// Matrix of each measurement from the table frame to weighted residuals.
-    weight_matrices: Vec<Matrix3<f64>>,
+    whitening_matrices_from_table: Vec<Matrix3<f64>>,
     /// Index of the first row of each measurement, then of each length.
     first_rows: Vec<usize>,
 }
@@ -100,13 +100,13 @@ impl GeometryProblem {
         let weights = measurements.iter().map(|s| s.whitening * machine_from_table[s.rotary_position_index]).collect();
         Self {
             model,
-            stylus,
-            positions,
+            stated_stylus_mm: stylus,
+            rotary_positions: positions,
             measurements,
             certified_lengths,
             groups,
             ball_unknowns,
-            weight_matrices: weights,
+            whitening_matrices_from_table: weights,
             first_rows,
         }
     }
@@ -120,11 +120,11 @@ impl GeometryProblem {
     pub fn with_model(self, model: GeometryModel) -> Self {
         Self::new(
             model,
-            self.positions,
+            self.rotary_positions,
             self.measurements,
             self.certified_lengths,
             self.ball_unknowns.len(),
-            self.stylus,
+            self.stated_stylus_mm,
         )
     }
 
@@ -151,14 +151,14 @@ impl GeometryProblem {
     }
 
     /// Matrix from the table frame to the weighted residuals of a measurement.
-    pub fn weight_matrix(&self, measurement: usize) -> Matrix3<f64> {
-        self.weight_matrices[measurement]
+    pub fn whitening_matrix_from_table(&self, measurement: usize) -> Matrix3<f64> {
+        self.whitening_matrices_from_table[measurement]
     }
 
     /// Errors and stylus from the unknowns `x`.
     fn errors_and_stylus<'x>(&self, x: &'x [f64]) -> (&'x [f64], Vector3<f64>) {
         let (errors, rest) = x.split_at(self.model.parameters().len());
-        let mut stylus = self.stylus;
+        let mut stylus = self.stated_stylus_mm;
         for (k, value) in self.model.free_stylus_coordinates().iter().zip(rest) {
             stylus[*k] = *value;
         }
@@ -171,7 +171,7 @@ impl GeometryProblem {
         let mut x = vec![0.0; self.unknown_count()];
         let first = self.model.parameters().len();
         for (i, k) in self.model.free_stylus_coordinates().iter().enumerate() {
-            x[first + i] = self.stylus[*k];
+            x[first + i] = self.stated_stylus_mm[*k];
         }
         let mut counts = vec![0.0; self.ball_unknowns.len()];
         for (measurement, tip) in self.measurements.iter().zip(self.centres_from_measured_axes(&x, measured)) {
@@ -203,16 +203,18 @@ impl GeometryProblem {
     /// The tip in the table frame at each rotary position.
     fn tip_functions(&self, x: &[f64]) -> Vec<AffineFunctionOfXyz> {
         let (errors, tool) = self.errors_and_stylus(x);
-        self.positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect()
+        self.rotary_positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect()
     }
 
     /// For each rotary position, the matrix from a motion of X, Y, Z to the motion of the stylus relative to
     /// the workpiece if the machine has the errors in `x`, in the directions of the nominal axes.
-    pub fn motion_matrices(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
+    pub fn commanded_to_actual_motion_matrices(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
         let (errors, tool) = self.errors_and_stylus(x);
         let zero = vec![0.0; errors.len()];
-        let nominal =
-            self.positions.iter().map(|position| self.model.tip_function(position, &zero, tool).inverse_linear_part());
+        let nominal = self
+            .rotary_positions
+            .iter()
+            .map(|position| self.model.tip_function(position, &zero, tool).inverse_linear_part());
         nominal.zip(self.tip_functions(x)).map(|(nominal, tip)| nominal * tip.linear_part()).collect()
     }
 
@@ -221,7 +223,7 @@ impl GeometryProblem {
         let mut residuals = vec![0.0; self.row_count()];
         for (i, tip) in self.centres_from_measured_axes(x, measured).into_iter().enumerate() {
             let ball = vector_at(x, self.ball_unknowns[self.measurements[i].ball_index]);
-            set_vector(&mut residuals, self.first_rows[i], self.weight_matrices[i] * (ball - tip));
+            set_vector(&mut residuals, self.first_rows[i], self.whitening_matrices_from_table[i] * (ball - tip));
         }
         for (i, bar) in self.certified_lengths.iter().enumerate() {
             let vector = self.length_vector(x, bar).norm();
@@ -238,7 +240,7 @@ impl GeometryProblem {
     pub fn row_blocks(&self, x: &[f64], measured: &ObservedValues) -> Vec<BlockRows> {
         let (errors, tool) = self.errors_and_stylus(x);
         let models: Vec<IndexationModel> = self
-            .positions
+            .rotary_positions
             .par_iter()
             .map(|position| self.model.linearise_at_indexation(position, errors, tool))
             .collect();
@@ -272,8 +274,10 @@ impl GeometryProblem {
         x: &[f64],
         xyz: Vector3<f64>,
     ) {
-        let (weight, ball_unknown) =
-            (self.weight_matrices[measurement], self.ball_unknowns[self.measurements[measurement].ball_index]);
+        let (weight, ball_unknown) = (
+            self.whitening_matrices_from_table[measurement],
+            self.ball_unknowns[self.measurements[measurement].ball_index],
+        );
         let value = weight * (vector_at(x, ball_unknown) - indexed.tip_in_table(xyz));
         (0..3).for_each(|k| rows.set_right_side(row + k, value[k]));
         let mut set = |j: usize, column: Vector3<f64>| {

@@ -118,7 +118,7 @@ impl GeometryModel {
         let (errors, tip) = (self.error_terms(errors), Point::from_vec(tool));
         let zero = position.filter_axes(|axis| !axis.is_linear());
         AffineFunctionOfXyz {
-            origin: self.chain.tip_in_table(&zero, tip, &errors).mm,
+            value_at_origin: self.chain.tip_in_table(&zero, tip, &errors).mm,
             linear_part: self.chain.linear_axes_jacobian(&zero, &errors),
         }
     }
@@ -169,7 +169,7 @@ impl IndexationModel {
 /// A point of the table frame as an affine function of X, Y, Z.
 #[derive(Debug, Clone, Copy)]
 pub struct AffineFunctionOfXyz {
-    origin: Vector3<f64>,
+    value_at_origin: Vector3<f64>,
     linear_part: Matrix3<f64>,
 }
 
@@ -177,7 +177,7 @@ impl AffineFunctionOfXyz {
     /// The function from its values at the origin and at [`AFFINE_STEP_MM`] along X, Y, Z.
     fn from_samples(at_origin: Vector3<f64>, at_steps: [Vector3<f64>; 3]) -> Self {
         let [x, y, z] = at_steps.map(|at_step| (at_step - at_origin) / AFFINE_STEP_MM);
-        Self { origin: at_origin, linear_part: Matrix3::from_columns(&[x, y, z]) }
+        Self { value_at_origin: at_origin, linear_part: Matrix3::from_columns(&[x, y, z]) }
     }
 
     /// Derivative of the point by X, Y, Z: ∂/∂(X, Y, Z).
@@ -191,7 +191,7 @@ impl AffineFunctionOfXyz {
     }
 
     pub fn value_at(&self, xyz: Vector3<f64>) -> Vector3<f64> {
-        self.origin + self.linear_part * xyz
+        self.value_at_origin + self.linear_part * xyz
     }
 }
 

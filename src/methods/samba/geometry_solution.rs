@@ -13,7 +13,7 @@ use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::{LinearError, RankAnalysis};
 use estimation::nonlinear_least_squares::{NonlinearError, NonlinearSolution};
 use estimation::null_space_names::name_null_space;
-use estimation::schur::factorise;
+use estimation::schur::factorise_and_project_right_side;
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Balls, CertifiedLength};
 use machine::record::plan::Plan;
@@ -55,7 +55,7 @@ pub fn solve_geometry<'a>(
     let (survey, start) = solve_from_initial_values(&problem, &observed_values(&observed, &balls.lengths))
         .map_err(|why| unsolved_error(why, &names))?;
     // First the spheres are fitted on the nominal machine, then on the identified one.
-    let matrices = problem.motion_matrices(&start.x);
+    let matrices = problem.commanded_to_actual_motion_matrices(&start.x);
     observed.refit_spheres(&matrices).map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
     let measured = observed_values(&observed, &balls.lengths);
     let minimum = problem.solve(&measured, start.x).map_err(|why| unsolved_error(why, &names))?;
@@ -102,7 +102,8 @@ fn solve_from_initial_values(
     measured: &ObservedValues,
 ) -> Result<(RankAnalysis, NonlinearSolution), NonlinearError> {
     let start = problem.initial_values(measured);
-    let (ideal, _) = factorise(problem.row_blocks(&start, &problem.noise_free_observations(&start)));
+    let (ideal, _) =
+        factorise_and_project_right_side(problem.row_blocks(&start, &problem.noise_free_observations(&start)));
     let survey = ideal.analyse_rank()?;
     if survey.nullity > 0 {
         return Err(LinearError::RankDeficient(Box::new(survey)).into());
@@ -131,7 +132,8 @@ fn build_model(plan: &Plan, settings: &SambaSettings, balls: &Balls) -> Result<G
     Ok(GeometryModel::for_plan(chain, plan, settings, balls)?)
 }
 
-/// The artefact without the balls that were not measured and their lengths; they are reported in `skipped_measurements`.
+/// The artefact without the balls that were not measured and their lengths; they are reported in
+/// `skipped_measurements`.
 fn remove_unmeasured_balls(stated: &Balls, observed: &mut ObservedBalls) -> Balls {
     let is_measured = |ball: usize| observed.centres.iter().any(|centre| centre.ball_index == ball);
     let kept: Vec<usize> = (0..stated.balls.len()).filter(|ball| is_measured(*ball)).collect();

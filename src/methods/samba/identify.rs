@@ -18,7 +18,7 @@ const MAX_PROPAGATION_OPERATIONS: usize = 8_000_000_000;
 const ALWAYS_ALLOWED_TRIALS: usize = 40_000;
 /// Significant digits of u to which the trials must be stable. JCGM 101, 7.9.2 uses one or two; two digits of
 /// so many unknowns at once would need about a million trials.
-const STABLE_DIGITS: u32 = 1;
+const STABLE_U_DIGITS: u32 = 1;
 
 /// The whole identification of a plan's readings. In the trials a centre is a linear function of its touches.
 /// A sphere fit is so nearly linear that touches drawn and fitted one by one give the same u to two digits,
@@ -34,15 +34,15 @@ pub fn identify(plan: &Plan, settings: &SambaSettings, readings: &[Reading]) -> 
         fit_quality: FitQuality::from_nonlinear_fit(survey, minimum, &solved.position_residuals()),
         measurements: &solved.checked_measurements(),
     };
-    let trials = trial_plan(settings, problem, sources);
+    let trials = trial_settings(settings, problem, sources);
     let outputs = outputs::build_outputs(&solved);
     let identified = identification::identify(&solution, sources, outputs, Some(trials))?;
     Ok(outputs::build_estimate(&solved, &identified))
 }
 
-fn trial_plan(settings: &SambaSettings, problem: &GeometryProblem, sources: &[UncertaintySource]) -> TrialSettings {
+fn trial_settings(settings: &SambaSettings, problem: &GeometryProblem, sources: &[UncertaintySource]) -> TrialSettings {
     let draws = sources.iter().flat_map(|s| (0..s.draw_count()).map(|draw| s.draw_span(draw).1.len()));
     let operations = draws.sum::<usize>() + 100 * problem.row_count() + 1;
     let max = (MAX_PROPAGATION_OPERATIONS / operations).clamp(ALWAYS_ALLOWED_TRIALS, 200_000);
-    TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, max)
+    TrialSettings::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_U_DIGITS, max)
 }

@@ -58,12 +58,12 @@ impl RegisteredMethod for Samba {
         required_setup: "uncalibrated master balls, and one scale bar",
         results: "location errors of all axes, scales of X, Y, Z, spindle offsets, stylus tip \
                 and ball positions, with their covariance",
-        machine_file: "samba.toml",
+        default_machine_file: "samba.toml",
         source: "H. Hashemiboroujeni, S. Esmaeili Marzdashti, K. Xing, J. R. R. Mayer: Five-axis machine tool \
                 coordinate metrology evaluation using the ball dome artefact before and after machine \
                 calibration. J. Manuf. Mater. Process. 3 (2019) 20",
         symbol_names: symbol_names::SYMBOL_NAMES,
-        has_passes: false,
+        has_cycle_passes: false,
     };
 
     fn new(settings: SambaSettings) -> Self {

@@ -15,8 +15,8 @@ pub struct OmittedError {
     reason: &'static str,
 }
 
-const SPINDLE_NOT_TURNED: &str = "the spindle was not turned";
-const SPINDLE_UPRIGHT: &str = "balls are touched from above only, so the axis stays at 0";
+const SPINDLE_NOT_TURNED_REASON: &str = "the spindle was not turned";
+const SPINDLE_UPRIGHT_REASON: &str = "balls are touched from above only, so the axis stays at 0";
 
 /// Errors that are not identified: all gains, and all errors that would be separable if each rotary axis turned.
 pub fn omitted_errors(model: &GeometryModel) -> Vec<OmittedError> {
@@ -30,8 +30,8 @@ pub fn omitted_errors(model: &GeometryModel) -> Vec<OmittedError> {
     expected.retain(|error| !identified.contains(error));
     let reason = |error: ErrorParameter| match error.axis() {
         axis if !conditions.fixed_axes.contains(&axis) => "",
-        Axis::S => SPINDLE_NOT_TURNED,
-        axis if tilts_spindle(chain, axis) => SPINDLE_UPRIGHT,
+        Axis::S => SPINDLE_NOT_TURNED_REASON,
+        axis if tilts_spindle(chain, axis) => SPINDLE_UPRIGHT_REASON,
         _ => "",
     };
     let omitted = |error: ErrorParameter| OmittedError {

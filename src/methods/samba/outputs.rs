@@ -36,7 +36,7 @@ pub fn build_estimate(solved: &GeometrySolution<'_>, identified: &Identification
         arrows: vec![residual_arrows(solved, identified)],
         weakest: describe_weakest_direction(solved),
         gauge: describe_gauge(solved, &omitted),
-        held_at_zero: equivalent_errors(solved, &omitted),
+        held_at_zero: redundant_location_errors(solved, &omitted),
         not_identifiable: describe_not_identifiable(solved, identified, &omitted),
         warnings: warnings::estimate_warnings(solved, identified),
         ..identified.estimate(super::METHOD_NAME)
@@ -113,7 +113,7 @@ fn describe_weakest_direction(solved: &GeometrySolution<'_>) -> Option<String> {
 }
 
 /// Location errors that are equivalent to reported errors.
-fn equivalent_errors(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Vec<String> {
+fn redundant_location_errors(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Vec<String> {
     let model = solved.problem.model();
     let reported = omitted.iter().map(|omitted| omitted.error);
     let reported: Vec<ErrorParameter> = reported.chain(model.parameters().iter().copied()).collect();
@@ -133,7 +133,7 @@ fn describe_gauge(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Ve
     let mut lines = vec![
         format!(
             "held at zero, because equivalent to reported errors: {}",
-            equivalent_errors(solved, omitted).join(", ")
+            redundant_location_errors(solved, omitted).join(", ")
         ),
         "ball coordinates: in the table frame of the identified machine, all rotary axes at zero".to_owned(),
         "the result describes the machine at the middle of the measurement".to_owned(),

@@ -8,7 +8,7 @@ use crate::ball_measurement::{ConfiguredPositions, RotaryPositions, SearchMode, 
 /// Choice of the indexations.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Design {
+pub enum DesignKind {
     /// Greedy choice among the candidates, within the budget.
     #[default]
     Optimal,
@@ -43,16 +43,18 @@ pub struct SambaSettings {
     /// Machine errors to identify, by ISO names (`EX0C`, `EXX1`, `EXC_sin2`). Empty: the set that ISO 10791-6
     /// implies for the topology, without the errors that are not identifiable with an upright spindle.
     pub parameters: Vec<String>,
-    pub design: Design,
+    pub design: DesignKind,
     pub criterion: OptimalityCriterion,
     /// Maximum number of ball measurements over all indexations.
-    pub balls: usize,
+    #[serde(rename = "balls")]
+    pub max_ball_measurements: usize,
     /// Maximum number of indexations.
     pub indexations: usize,
     /// Maximum machine time, min; 0: no limit.
     pub minutes: f64,
     /// Whether each ball is searched at every indexation or only once.
-    pub find: SearchMode,
+    #[serde(rename = "find")]
+    pub ball_search_mode: SearchMode,
     pub spindle: SpindleOrientMode,
     /// Candidate positions of rotary axes that tilt the workpiece or the head (A, B), as commanded. The
     /// defaults are restricted to the limits of the axes; a position that the user states must be within the limits. An
@@ -83,12 +85,12 @@ impl Default for SambaSettings {
     fn default() -> Self {
         Self {
             parameters: Vec::new(),
-            design: Design::Optimal,
+            design: DesignKind::Optimal,
             criterion: OptimalityCriterion::D,
-            balls: 109,
+            max_ball_measurements: 109,
             indexations: 32,
             minutes: 0.0,
-            find: SearchMode::Every,
+            ball_search_mode: SearchMode::Every,
             spindle: SpindleOrientMode::Auto,
             tilt_deg: vec![-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0],
             turn_deg: vec![0.0, 90.0, 180.0, 270.0],
@@ -110,7 +112,7 @@ const MAX_BALL_MEASUREMENTS: usize = 2_000;
 impl SambaSettings {
     pub fn touch_settings(&self) -> TouchSettings {
         TouchSettings {
-            search_mode: self.find,
+            search_mode: self.ball_search_mode,
             touch_count: self.touches,
             has_references: self.references,
             min_rest_check_s: 0.0,
@@ -136,8 +138,11 @@ impl SambaSettings {
     pub fn check(&self) -> Result<(), MethodRefusal> {
         self.touch_settings().check()?;
         MethodRefusal::require(
-            (1..=MAX_BALL_MEASUREMENTS).contains(&self.balls) && self.indexations > 0,
-            format!("a budget of {} balls at {} indexations is not possible", self.balls, self.indexations),
+            (1..=MAX_BALL_MEASUREMENTS).contains(&self.max_ball_measurements) && self.indexations > 0,
+            format!(
+                "a budget of {} balls at {} indexations is not possible",
+                self.max_ball_measurements, self.indexations
+            ),
             "omit balls and indexations (defaults 109 and 32), or choose up to 2000 balls",
         )?;
         MethodRefusal::require(

@@ -3,7 +3,7 @@
 
 use super::geometry_model::certificate_and_temperature_u_mm;
 use crate::ball_measurement::{
-    ObservedBalls, certified_source, effect_of_nonzero_spans, kinematic_sources, touch_sources,
+    ObservedBalls, angular_and_rotary_motion_sources, certified_size_source, effect_of_nonzero_spans, touch_sources,
 };
 use crate::identification::{ObservationSpanChange, UncertaintySource};
 use machine::kinematics::KinematicChain;
@@ -22,7 +22,7 @@ pub fn uncertainty_sources(
 ) -> Vec<UncertaintySource> {
     let mut list = touch_sources(plan, observed);
     let index = ROTARY_SOURCE_INDEX.min(list.len());
-    list.splice(index..index, kinematic_sources(plan, chain, observed));
+    list.splice(index..index, angular_and_rotary_motion_sources(plan, chain, observed));
     list.extend(certificate_sources(observed.centres.len(), lengths));
     list.retain(|source| source.draw_count() > 0);
     list
@@ -34,6 +34,6 @@ fn certificate_sources(centre_count: usize, lengths: &[CertifiedLength]) -> [Unc
             first_index: 3 * centre_count + i,
             changes_mm: vec![certificate_and_temperature_u_mm(length)[part]],
         });
-        certified_source(name, effect_of_nonzero_spans(spans))
+        certified_size_source(name, effect_of_nonzero_spans(spans))
     })
 }

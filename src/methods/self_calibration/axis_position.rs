@@ -10,9 +10,9 @@ const MM_PER_UM: f64 = 1e-3;
 
 /// Adds X and Y of the axis, at the heights of its location errors. X and Y do not change when `point_mm` is corrected.
 pub fn add_axis_position(parts: &SolvedRun<'_>, estimate: &mut Estimate) {
-    let mean = parts.setup.heights.iter().sum::<f64>() / parts.setup.heights.len() as f64;
+    let mean = parts.setup.heights_in_machine_mm.iter().sum::<f64>() / parts.setup.heights_in_machine_mm.len() as f64;
     let stated = parts.setup.axis.axis_point_at_height(mean);
-    let positions = location_errors(estimate).into_iter().zip(["X", "Y"]).zip(&stated);
+    let positions = xy_location_errors(estimate).into_iter().zip(["X", "Y"]).zip(&stated);
     let positions = positions.map(|((error, direction), stated)| {
         let symbol = format!("{direction}_{}", parts.setup.axis.axis);
         let [off_mm, u_mm] = [error.value, error.u].map(|um| um * MM_PER_UM);
@@ -31,10 +31,10 @@ pub fn add_axis_position(parts: &SolvedRun<'_>, estimate: &mut Estimate) {
 /// The stated axis, and the measured axis as an entry of the machine file.
 pub fn describe_axis_position(parts: &SolvedRun<'_>, estimate: &Estimate) -> String {
     let axis = parts.setup.axis.axis;
-    let off = location_errors(estimate).iter().map(|error| error.value * MM_PER_UM).collect();
+    let off = xy_location_errors(estimate).iter().map(|error| error.value * MM_PER_UM).collect();
     let [old, new] = [vec![0.0; 2], off].map(|off: Vec<f64>| {
         let off = Vector3::from_iterator(off.into_iter().chain([0.0]));
-        let point = parts.setup.axis.displaced_point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
+        let point = parts.setup.axis.displaced_axis_point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
         format!("[{}, {}, {}]", point.x, point.y, point.z)
     });
     let directions = match parts.setup.axis.describe_other_nonzero_axes() {
@@ -48,6 +48,6 @@ pub fn describe_axis_position(parts: &SolvedRun<'_>, estimate: &Estimate) -> Str
 }
 
 /// Location errors of the axis along X and Y: the first two parameters.
-fn location_errors(estimate: &Estimate) -> Vec<Parameter> {
+fn xy_location_errors(estimate: &Estimate) -> Vec<Parameter> {
     estimate.parameters.iter().take(2).cloned().collect()
 }

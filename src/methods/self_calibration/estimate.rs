@@ -25,7 +25,7 @@ pub fn build_estimate(parts: &SolvedRun<'_>) -> Estimate {
     add_axis_position(parts, &mut estimate);
     for parameter in &mut estimate.parameters {
         // With the wrong sense of the axis the values are not those of the stated parameters.
-        parameter.identifiable = parts.sense != RotationSenseCheck::Contradicted;
+        parameter.identifiable = parts.rotation_sense_check != RotationSenseCheck::Contradicted;
     }
     estimate.location_at_mm = location_point_mm(parts);
     estimate.gauge = describe_gauge(parts, &estimate);
@@ -42,7 +42,8 @@ pub fn build_estimate(parts: &SolvedRun<'_>) -> Estimate {
 /// The stated axis at the mean height. `None`: another axis was not at zero.
 fn location_point_mm(parts: &SolvedRun<'_>) -> Option<[f64; 3]> {
     let axis = &parts.setup.axis;
-    let mean_mm = parts.setup.heights.iter().sum::<f64>() / parts.setup.heights.len() as f64;
+    let mean_mm =
+        parts.setup.heights_in_machine_mm.iter().sum::<f64>() / parts.setup.heights_in_machine_mm.len() as f64;
     axis.describe_other_nonzero_axes().is_empty().then(|| axis.axis_point_at_height(mean_mm).into())
 }
 
@@ -51,7 +52,7 @@ fn describe_gauge(parts: &SolvedRun<'_>, estimate: &Estimate) -> Vec<String> {
     let mut lines = parts.fit.layout.describe_gauge(axis);
     lines.push(describe_axis_position(parts, estimate));
     lines.extend(describe_known_motions(parts));
-    let heights: Vec<String> = parts.setup.heights.iter().map(|z| format!("{z:.3}")).collect();
+    let heights: Vec<String> = parts.setup.heights_in_machine_mm.iter().map(|z| format!("{z:.3}")).collect();
     lines.push(match heights.len() {
         1 => format!("EX0{axis} and EY0{axis} are valid at Z = {} mm only", heights[0]),
         _ => format!(
@@ -65,7 +66,7 @@ fn describe_gauge(parts: &SolvedRun<'_>, estimate: &Estimate) -> Vec<String> {
             "drift of X, Y and radius fitted (order {}) and removed; values are valid at the middle of the \
             cycle{}",
             parts.fit.layout.drift_order,
-            if parts.setup.plan.gaps_s.is_empty() { "" } else { ", without the interruptions" }
+            if parts.setup.plan.interruption_times_s.is_empty() { "" } else { ", without the interruptions" }
         ));
     }
     lines
@@ -131,7 +132,7 @@ fn describe_not_identifiable(parts: &SolvedRun<'_>) -> Vec<String> {
 fn collect_warnings(parts: &SolvedRun<'_>, radial: &RadialErrorCheck) -> Vec<String> {
     let axis = parts.setup.axis.axis;
     let mut lines = Vec::new();
-    match parts.sense {
+    match parts.rotation_sense_check {
         RotationSenseCheck::Confirmed => {}
         RotationSenseCheck::NotConfirmed => lines.push(format!(
             "the readings do not confirm the sense of {axis}: use an eccentric or lobed part, and a number \

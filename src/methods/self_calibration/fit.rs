@@ -2,7 +2,7 @@
 
 use faer::{Mat, MatRef, Scale};
 
-use super::model::{Observation, UnknownsLayout};
+use super::model::{RadiusObservation, UnknownsLayout};
 use super::second_order_correction::SecondOrderCorrection;
 use crate::identification::{FitQuality, LinearResponse, ObservationModel, SolvedLinearFit, multiply_vector, rms};
 use estimation::linear_least_squares::{self, LinearError, LinearProblem, LinearSolution};
@@ -18,9 +18,9 @@ const CONVERGENCE_TOLERANCE_MM: f64 = 1e-10;
 const DERIVATIVE_STEP_MM: f64 = 1e-3;
 
 /// The fit of one set of observations.
-pub struct Fit {
+pub struct SelfCalibrationFit {
     pub layout: UnknownsLayout,
-    pub observations: Vec<Observation>,
+    pub observations: Vec<RadiusObservation>,
     /// Standard uncertainty of each radius, mm.
     pub sigma: Vec<f64>,
     pub design_matrix: Mat<f64>,
@@ -31,12 +31,12 @@ pub struct Fit {
     pub x: Vec<f64>,
 }
 
-impl Fit {
+impl SelfCalibrationFit {
     /// # Errors
     /// The observations do not separate the unknowns. The error contains the inseparable combinations.
     pub fn new(
         layout: UnknownsLayout,
-        observations: Vec<Observation>,
+        observations: Vec<RadiusObservation>,
         sigma: Vec<f64>,
         with_second_order: bool,
     ) -> Result<Self, LinearError> {
@@ -118,19 +118,19 @@ impl Fit {
 
 /// A fit with the derivative of its solution.
 pub struct FitWithSensitivity<'a> {
-    fit: &'a Fit,
+    fit: &'a SelfCalibrationFit,
     /// Derivative of the unknowns by the radii, unknowns × observations.
     pub sensitivity: Mat<f64>,
 }
 
 impl<'a> FitWithSensitivity<'a> {
-    pub fn new(fit: &'a Fit) -> Self {
+    pub fn new(fit: &'a SelfCalibrationFit) -> Self {
         Self { fit, sensitivity: fit.sensitivity() }
     }
 
     /// The fit without second-order correction.
     fn solved_linear_fit(&self) -> SolvedLinearFit<'_> {
-        let Fit { x, design_matrix, sigma, solution, .. } = self.fit;
+        let SelfCalibrationFit { x, design_matrix, sigma, solution, .. } = self.fit;
         SolvedLinearFit { x, design_matrix, sigma, gain: &solution.gain }
     }
 }
@@ -161,7 +161,7 @@ impl ObservationModel for FitWithSensitivity<'_> {
     /// First-order solution, then one second-order correction at this solution. The correction reduces the remaining
     /// error of about 1e-8 mm to 2 % or less.
     fn evaluate_each_perturbation(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
-        let Fit { x, second_order: bend, solution, .. } = self.fit;
+        let SelfCalibrationFit { x, second_order: bend, solution, .. } = self.fit;
         let mut radii = changes.to_owned();
         if let Some(bend) = bend {
             let near = add_to_columns(changes * self.sensitivity.transpose(), x);

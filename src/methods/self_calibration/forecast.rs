@@ -1,7 +1,7 @@
 //! Forecast of the results of a run, from its plan alone.
 
 use super::estimate;
-use super::identify::{nominal_reading, solve_readings};
+use super::identify::{reading_at_touch_start, solve_readings};
 use super::setup::SelfCalibrationSetup;
 use crate::IdentifyError;
 use crate::identification::{
@@ -73,7 +73,8 @@ pub fn unchecked_step_ids(setup: &SelfCalibrationSetup<'_>) -> Result<Vec<u32>, 
     let declared = SelfCalibrationSetup::new(&declared, setup.settings)?.with_known_motions()?;
     let parts = solve_readings(&declared, &nominal_readings(setup), false)?;
     let checks = &parts.identification.outlier_check.measurement_checks;
-    let is_unchecked = |step: &&Step| checks.iter().any(|one| one.deviation_um.is_none() && one.label == step.label);
+    let is_unchecked =
+        |step: &&Step| checks.iter().any(|one| one.min_detectable_deviation_um.is_none() && one.label == step.label);
     Ok(setup.plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
 }
 
@@ -82,13 +83,13 @@ fn forecast_plan(plan: &Plan) -> Plan {
     let mut declared = plan_with_assumed_repeatability(plan);
     declared.steps.retain(|step| step.text.is_none());
     // The interruption times of the run do not apply to the nominal readings.
-    declared.gaps_s.clear();
+    declared.interruption_times_s.clear();
     declared
 }
 
 fn nominal_readings(setup: &SelfCalibrationSetup<'_>) -> Vec<Reading> {
     let touches = setup.plan.steps.iter().filter(|step| step.scan.is_none() && step.text.is_none());
-    let touches: Vec<Reading> = touches.map(nominal_reading).collect();
+    let touches: Vec<Reading> = touches.map(reading_at_touch_start).collect();
     let pass = |repeat| touches.iter().map(move |one| Reading { repeat, ..one.clone() });
     (0..setup.settings.repeats).flat_map(pass).collect()
 }

@@ -1,12 +1,12 @@
 //! Identification: from plan and readings to the estimate.
 
-use super::fit::{Fit, FitWithSensitivity};
-use super::model::{Observation, UnknownsLayout};
+use super::fit::{FitWithSensitivity, SelfCalibrationFit};
+use super::model::{RadiusObservation, UnknownsLayout};
 use super::observe::{ObservedReadings, extract_observations};
 use super::outputs;
 use super::rotation_sense::{self, RotationSenseCheck};
 use super::setup::SelfCalibrationSetup;
-use super::sources::{interruption_source, rotary_axis_sources, uncertainty_sources};
+use super::sources::{interruption_step_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
     self, CheckedMeasurement, Identification, IdentificationOutputs, SolvedModel, TrialSettings, UncertaintySource,
     block_covariances,
@@ -20,7 +20,7 @@ use machine::record::reading::{Reading, ReadingFlag};
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7275_6564;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
-const STABLE_DIGITS: u32 = 2;
+const STABLE_U_DIGITS: u32 = 2;
 
 /// Maximum number of undetermined combinations of unknowns that are named. For the paper's unknowns there are
 /// dozens.
@@ -28,10 +28,10 @@ const MAX_NAMED_COMBINATIONS: usize = 4;
 
 /// Trials of the Monte Carlo propagation. The adaptive rule has a limit of 200 000 trials, fewer for large designs,
 /// so that it takes seconds. It usually stops earlier.
-fn trial_plan(monte_carlo_trials: usize, fit: &Fit) -> TrialSettings {
+fn trial_settings(monte_carlo_trials: usize, fit: &SelfCalibrationFit) -> TrialSettings {
     let products = (fit.design_matrix.nrows() * fit.design_matrix.ncols()).max(1);
     let max = (4_000_000_000 / products).clamp(10_000, 200_000);
-    TrialSettings::new(MONTE_CARLO_SEED, monte_carlo_trials, STABLE_DIGITS, max)
+    TrialSettings::new(MONTE_CARLO_SEED, monte_carlo_trials, STABLE_U_DIGITS, max)
 }
 
 /// Refuses, before the first move, a plan whose readings do not separate the unknowns: checks the rank of the
@@ -39,7 +39,7 @@ fn trial_plan(monte_carlo_trials: usize, fit: &Fit) -> TrialSettings {
 pub fn check_well_posed(setup: &SelfCalibrationSetup<'_>) -> Result<(), MethodRefusal> {
     let steps = setup.plan.number_steps(0, setup.steps_after_locating(setup.nominal_part())?);
     let plan = Plan { steps, ..setup.plan.clone() };
-    let readings: Vec<Reading> = plan.steps.iter().map(nominal_reading).collect();
+    let readings: Vec<Reading> = plan.steps.iter().map(reading_at_touch_start).collect();
     let nominal = SelfCalibrationSetup::new(&plan, setup.settings)?;
     let fitted = observe_readings(&nominal, &readings).and_then(|(layout, observed)| {
         let sigma = vec![1.0; observed.observations.len()];
@@ -54,7 +54,7 @@ pub fn check_well_posed(setup: &SelfCalibrationSetup<'_>) -> Result<(), MethodRe
 }
 
 /// A reading at the start of its touch. Only its position in the design is used.
-pub fn nominal_reading(step: &Step) -> Reading {
+pub fn reading_at_touch_start(step: &Step) -> Reading {
     Reading {
         step: step.id,
         repeat: 0,
@@ -74,7 +74,7 @@ fn observe_readings(
     let observed = extract_observations(setup, readings)?;
     let layout = UnknownsLayout {
         design: setup.design.clone(),
-        height_count: setup.heights.len(),
+        height_count: setup.heights_in_machine_mm.len(),
         drift_order: setup.settings.drift_order,
         interruption_times: observed.interruption_times.clone(),
     };
@@ -83,7 +83,7 @@ fn observe_readings(
 
 /// The solved fit of all readings of a run, with the sources of its uncertainty.
 pub struct FittedRun {
-    pub fit: Fit,
+    pub fit: SelfCalibrationFit,
     pub sources: Vec<UncertaintySource>,
     pub outputs: IdentificationOutputs,
     has_times: bool,
@@ -103,18 +103,18 @@ pub fn fit_readings(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> R
     let sigma = variances.iter().map(|variance| variance[0].sqrt()).collect();
     let fit = fit_observations(setup, layout, observations, sigma)?;
     if !fit.layout.interruption_times.is_empty() {
-        sources.push(interruption_source(&fit.layout, &fit.observations, &fit.x));
+        sources.push(interruption_step_source(&fit.layout, &fit.observations, &fit.x));
     }
-    let outputs = outputs::build_outputs(&fit.layout, setup.axis.axis, &setup.heights, &fit.x);
+    let outputs = outputs::build_outputs(&fit.layout, setup.axis.axis, &setup.heights_in_machine_mm, &fit.x);
     Ok(FittedRun { fit, sources, outputs, has_times, short_segment_reading_count: unused_count })
 }
 
 /// The solved readings of a run with their uncertainty, from which the estimate is written.
 pub struct SolvedRun<'a> {
     pub setup: &'a SelfCalibrationSetup<'a>,
-    pub fit: Fit,
+    pub fit: SelfCalibrationFit,
     pub identification: Identification,
-    pub sense: RotationSenseCheck,
+    pub rotation_sense_check: RotationSenseCheck,
     pub has_times: bool,
     /// Number of readings that are not used: too few directions were touched between their interruptions.
     pub short_segment_reading_count: usize,
@@ -140,20 +140,27 @@ pub fn solve_readings<'a>(
         fit_quality: fit.quality_of_fit(&residuals),
         measurements: &touch_measurements(setup.plan, &fit, &residuals),
     };
-    let trials = with_trials.then(|| trial_plan(setup.settings.monte_carlo_trials, &fit));
+    let trials = with_trials.then(|| trial_settings(setup.settings.monte_carlo_trials, &fit));
     let identification = identification::identify(&solution, &sources, outputs, trials)?;
     let sense = rotation_sense::check_rotation_sense(&fit);
-    Ok(SolvedRun { setup, fit, identification, sense, has_times, short_segment_reading_count: unused_count })
+    Ok(SolvedRun {
+        setup,
+        fit,
+        identification,
+        rotation_sense_check: sense,
+        has_times,
+        short_segment_reading_count: unused_count,
+    })
 }
 
 /// One measurement per touch. Deviations are along the ray, positive outward.
-fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<CheckedMeasurement> {
+fn touch_measurements(plan: &Plan, fit: &SelfCalibrationFit, residuals: &[f64]) -> Vec<CheckedMeasurement> {
     let label = |id: u32| {
         let step = plan.steps.iter().find(|step| step.id == id);
         step.map_or_else(|| id.to_string(), |step| step.label.clone())
     };
     let all = fit.observations.iter().zip(residuals).zip(&fit.sigma).enumerate();
-    let measurement = |(i, ((observation, residual), sigma)): (usize, ((&Observation, &f64), &f64))| {
+    let measurement = |(i, ((observation, residual), sigma)): (usize, ((&RadiusObservation, &f64), &f64))| {
         let label = label(observation.step_id);
         let in_words = format!("touch {label}");
         CheckedMeasurement {
@@ -171,12 +178,12 @@ fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<CheckedM
 fn fit_observations(
     setup: &SelfCalibrationSetup<'_>,
     layout: UnknownsLayout,
-    observations: Vec<Observation>,
+    observations: Vec<RadiusObservation>,
     sigma: Vec<f64>,
-) -> Result<Fit, IdentifyError> {
+) -> Result<SelfCalibrationFit, IdentifyError> {
     let names = layout.unknown_names(setup.axis.axis);
     let lost = |survey: &RankAnalysis| truncate_lines(name_null_space(survey.null_space.as_ref(), &names));
-    Fit::new(layout, observations, sigma, setup.settings.second_order)
+    SelfCalibrationFit::new(layout, observations, sigma, setup.settings.second_order)
         .map_err(|error| IdentifyError::from_solver_error(error, lost))
 }
 

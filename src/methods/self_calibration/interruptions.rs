@@ -4,7 +4,7 @@
 //! The drift model does not interpolate through hours without measurements. After an interruption the drift
 //! continues at the same rate, from the machine position that the references determine.
 
-use super::model::Observation;
+use super::model::RadiusObservation;
 use crate::IdentifyError;
 
 /// Minimum number of directions touched between two interruptions, so that the step in X, Y and radius is
@@ -18,7 +18,7 @@ const MIN_SEGMENT_DIRECTIONS: usize = 3;
 /// # Errors
 /// The readings have no times, so it is unknown which readings precede an interruption.
 pub fn remove_interruptions(
-    observations: &mut Vec<Observation>,
+    observations: &mut Vec<RadiusObservation>,
     gaps_s: &[f64],
 ) -> Result<(Vec<f64>, usize), IdentifyError> {
     if gaps_s.is_empty() {
@@ -31,7 +31,7 @@ pub fn remove_interruptions(
     }
     let count = observations.len();
     let segment = |time: f64| gaps_s.iter().filter(|gap| time > **gap).count();
-    let mut segments: Vec<Vec<Observation>> = vec![Vec::new(); gaps_s.len() + 1];
+    let mut segments: Vec<Vec<RadiusObservation>> = vec![Vec::new(); gaps_s.len() + 1];
     for observation in observations.iter() {
         segments[segment(observation.relative_time)].push(*observation);
     }
@@ -47,7 +47,7 @@ pub fn remove_interruptions(
     Ok((gaps, short_segment_reading_count))
 }
 
-fn direction_count(observations: &[Observation]) -> usize {
+fn direction_count(observations: &[RadiusObservation]) -> usize {
     let mut angles: Vec<usize> = observations.iter().map(|observation| observation.phi_index).collect();
     angles.sort_unstable();
     angles.dedup();
@@ -56,8 +56,8 @@ fn direction_count(observations: &[Observation]) -> usize {
 
 /// Shifts each segment to begin one touch after the end of the segment before. Returns the times between the
 /// segments.
-fn join_segments(segments: &mut [Vec<Observation>]) -> Vec<f64> {
-    let span = |observations: &[Observation]| {
+fn join_segments(segments: &mut [Vec<RadiusObservation>]) -> Vec<f64> {
+    let span = |observations: &[RadiusObservation]| {
         let times = || observations.iter().map(|observation| observation.relative_time);
         (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max))
     };

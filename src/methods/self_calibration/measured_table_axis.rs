@@ -80,7 +80,7 @@ impl MeasuredTableAxis {
     }
 
     /// `point_mm` of an axis that is displaced from the stated one by `off`.
-    pub fn displaced_point_mm(&self, off: Vector3<f64>) -> Vector3<f64> {
+    pub fn displaced_axis_point_mm(&self, off: Vector3<f64>) -> Vector3<f64> {
         Vector3::from(self.stated_axis.point_mm) + self.line.carrier_pose.rotation.inverse() * off
     }
 
@@ -147,7 +147,7 @@ impl MeasuredTableAxis {
 
 fn transform_part(part: &Cylinder, by: &Pose) -> Cylinder {
     Cylinder {
-        centre_mm: by.transform_point(&part.centre_mm.into()).into(),
+        foot_mm: by.transform_point(&part.foot_mm.into()).into(),
         axis: (by.rotation * Vector3::from(part.axis)).into(),
         ..part.clone()
     }

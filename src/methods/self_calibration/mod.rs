@@ -27,7 +27,7 @@ mod symbol_names;
 #[cfg(test)]
 mod tests;
 
-pub use fit::{Fit, FitWithSensitivity};
+pub use fit::{FitWithSensitivity, SelfCalibrationFit};
 pub use identify::FittedRun;
 pub use second_order_correction::SecondOrderCorrection;
 pub use settings::SelfCalibrationSettings;
@@ -67,10 +67,10 @@ impl SelfCalibration {
         let stated = &setup.stated_part;
         let ball = setup.plan.probe.ball_radius_mm;
         Artefact::Cylinder(setup.axis.part_in_table_frame(&Cylinder {
-            centre_mm: [part.centre[0], part.centre[1], stated.centre_mm[2]],
+            foot_mm: [part.centre_mm[0], part.centre_mm[1], stated.foot_mm[2]],
             axis: stated.axis,
             radius_mm: part.contact_radius_mm - ball,
-            height_mm: part.top_contact_z_mm - ball - stated.centre_mm[2],
+            height_mm: part.top_contact_z_mm - ball - stated.foot_mm[2],
             uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
         }))
     }
@@ -83,11 +83,11 @@ impl RegisteredMethod for SelfCalibration {
         required_setup: "any clean round part",
         results: "location and error motions of the rotary axis that turns the part (C, or another letter), \
                 squareness and scale difference of X and Y, form of the part",
-        machine_file: "simulated.toml",
+        default_machine_file: "simulated.toml",
         source: "N. Zimmermann, S. Ibaraki: Self-calibration of rotary axis and linear axes error motions by an \
                 automated on-machine probing test cycle. Int. J. Adv. Manuf. Technol. 107 (2020) 2107–2120",
         symbol_names: symbol_names::SYMBOL_NAMES,
-        has_passes: true,
+        has_cycle_passes: true,
     };
 
     fn new(settings: SelfCalibrationSettings) -> Self {
@@ -176,8 +176,8 @@ fn locate_part(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> Result
         .map_err(|error| MethodRefusal::new(format!("the part could not be located: {error}"), remedy))?;
     let uncertainty_mm = setup.stated_part.uncertainty_mm;
     let top = tops.first().map_or(nominal.top_contact_z_mm, |(_, centre)| centre.z);
-    let part = PartGeometry { centre: found.centre, contact_radius_mm: found.radius, top_contact_z_mm: top };
-    let away = (part.centre[0] - nominal.centre[0]).hypot(part.centre[1] - nominal.centre[1]);
+    let part = PartGeometry { centre_mm: found.centre, contact_radius_mm: found.radius, top_contact_z_mm: top };
+    let away = (part.centre_mm[0] - nominal.centre_mm[0]).hypot(part.centre_mm[1] - nominal.centre_mm[1]);
     let (larger, higher) =
         (part.contact_radius_mm - nominal.contact_radius_mm, part.top_contact_z_mm - nominal.top_contact_z_mm);
     let is_outside = away > uncertainty_mm || larger.abs() > uncertainty_mm || higher.abs() > uncertainty_mm;

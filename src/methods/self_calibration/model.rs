@@ -17,7 +17,7 @@ use machine::Axis;
 
 /// One reading, reduced to the nearest grid angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Observation {
+pub struct RadiusObservation {
     /// Id of the step of the reading.
     pub step_id: u32,
     pub height_index: usize,
@@ -69,12 +69,12 @@ impl UnknownsLayout {
         self.ex_index(height, c) + self.design.angle_count
     }
 
-    pub fn radial_error_index(&self, height: usize, phi: usize) -> usize {
+    pub fn linear_axes_radial_error_index(&self, height: usize, phi: usize) -> usize {
         self.ey_index(height, phi) + self.design.angle_count
     }
 
     pub fn flank_form_index(&self, height: usize, theta: usize) -> usize {
-        self.radial_error_index(height, theta) + self.design.angle_count
+        self.linear_axes_radial_error_index(height, theta) + self.design.angle_count
     }
 
     fn drift_index(&self, quantity: usize, power: usize) -> usize {
@@ -89,7 +89,7 @@ impl UnknownsLayout {
 
     /// Function with a unit step at an interruption and the value zero at time zero: the results are valid for the
     /// middle of the measurement, as with drift.
-    pub fn interruption_step_value(&self, observation: &Observation, gap: usize) -> f64 {
+    pub fn interruption_step_value(&self, observation: &RadiusObservation, gap: usize) -> f64 {
         let after = |time: f64| if time > self.interruption_times[gap] { 1.0 } else { 0.0 };
         after(observation.relative_time) - after(0.0)
     }
@@ -104,7 +104,7 @@ impl UnknownsLayout {
                 let deg = (self.design.grid_angle_rad(i).to_degrees() * 1e6).round() / 1e6;
                 names[self.ex_index(height, i)] = format!("EX{rotary_axis}_total({deg}°){at}");
                 names[self.ey_index(height, i)] = format!("EY{rotary_axis}_total({deg}°){at}");
-                names[self.radial_error_index(height, i)] = format!("E_radial({deg}°){at}");
+                names[self.linear_axes_radial_error_index(height, i)] = format!("E_radial({deg}°){at}");
                 names[self.flank_form_index(height, i)] = format!("W_radial({deg}°){at}");
             }
         }
@@ -127,7 +127,7 @@ impl UnknownsLayout {
     }
 
     /// Rows × unknowns: the derivative of each radius by each unknown.
-    pub fn design_matrix(&self, observations: &[Observation]) -> Mat<f64> {
+    pub fn design_matrix(&self, observations: &[RadiusObservation]) -> Mat<f64> {
         let mut a = Mat::zeros(observations.len(), self.unknown_count());
         for (row, observation) in observations.iter().enumerate() {
             let normal = self.ray_direction(observation.phi_index);
@@ -135,7 +135,7 @@ impl UnknownsLayout {
             a[(row, self.radius_index(observation.height_index))] = 1.0;
             a[(row, self.ex_index(observation.height_index, observation.c_index))] = normal.x;
             a[(row, self.ey_index(observation.height_index, observation.c_index))] = normal.y;
-            a[(row, self.radial_error_index(observation.height_index, observation.phi_index))] = -1.0;
+            a[(row, self.linear_axes_radial_error_index(observation.height_index, observation.phi_index))] = -1.0;
             a[(row, self.flank_form_index(observation.height_index, theta))] = 1.0;
             for (quantity, along) in [normal.x, normal.y, 1.0].into_iter().enumerate() {
                 for power in 1..=self.drift_order {
@@ -161,17 +161,17 @@ impl UnknownsLayout {
             rows[(row, self.ex_index(height, 0))] = 1.0;
             rows[(row + 1, self.ey_index(height, 0))] = 1.0;
             rows[(row + 2, self.flank_form_index(height, 0))] = 1.0;
-            rows[(row + 3, self.radial_error_index(height, 0))] = 1.0;
+            rows[(row + 3, self.linear_axes_radial_error_index(height, 0))] = 1.0;
             if self.has_quarter_angles() {
-                rows[(row + 4, self.radial_error_index(height, 0))] = 1.0;
-                rows[(row + 4, self.radial_error_index(height, n / 2))] = -1.0;
-                rows[(row + 5, self.radial_error_index(height, n / 4))] = 1.0;
-                rows[(row + 5, self.radial_error_index(height, 3 * n / 4))] = -1.0;
+                rows[(row + 4, self.linear_axes_radial_error_index(height, 0))] = 1.0;
+                rows[(row + 4, self.linear_axes_radial_error_index(height, n / 2))] = -1.0;
+                rows[(row + 5, self.linear_axes_radial_error_index(height, n / 4))] = 1.0;
+                rows[(row + 5, self.linear_axes_radial_error_index(height, 3 * n / 4))] = -1.0;
             } else {
                 for i in 0..n {
                     let (sin, cos) = self.design.grid_angle_rad(i).sin_cos();
-                    rows[(row + 4, self.radial_error_index(height, i))] = cos;
-                    rows[(row + 5, self.radial_error_index(height, i))] = sin;
+                    rows[(row + 4, self.linear_axes_radial_error_index(height, i))] = cos;
+                    rows[(row + 5, self.linear_axes_radial_error_index(height, i))] = sin;
                 }
             }
         }

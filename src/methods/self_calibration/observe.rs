@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use super::design::AngleGridDesign;
 use super::interruptions;
-use super::model::Observation;
+use super::model::RadiusObservation;
 use super::plan::{LOCATE_LABEL_PREFIX, is_top_touch};
 use super::setup::SelfCalibrationSetup;
 use crate::IdentifyError;
@@ -14,7 +14,7 @@ use planning::SafeHeights;
 
 /// The observations of all readings of a run, with their common data.
 pub struct ObservedReadings {
-    pub observations: Vec<Observation>,
+    pub observations: Vec<RadiusObservation>,
     /// Half the duration of the measurement, without interruptions, s: the unit of `Observation::relative_time`.
     pub half_duration_s: f64,
     /// Whether the readings have times. If not, their order and the planned machine time are used.
@@ -27,7 +27,7 @@ pub struct ObservedReadings {
 
 /// Largest deviation of the table from its planned angle, rad (0.1°). A larger deviation is treated as a skipped index
 /// position.
-const GRID_ANGLE_TOLERANCE_RAD: f64 = 1.8e-3;
+const TABLE_ANGLE_TOLERANCE_RAD: f64 = 1.8e-3;
 /// Largest deviation of an angle of the plan from the grid, in steps of the grid.
 const GRID_TOLERANCE_STEPS: f64 = 1.8e-3;
 
@@ -38,7 +38,7 @@ pub fn extract_observations(
     readings: &[Reading],
 ) -> Result<ObservedReadings, IdentifyError> {
     let plan = setup.plan;
-    IdentifyError::check_readings(plan, readings)?;
+    IdentifyError::check_known_and_unique(plan, readings)?;
     let (mut observations, mut order) = (Vec::new(), Vec::new());
     let steps_after_locating = plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL_PREFIX));
     for (i, step) in steps_after_locating.enumerate() {
@@ -57,7 +57,8 @@ pub fn extract_observations(
     if observations.is_empty() {
         return Err(IdentifyError::IdentificationFailed("all readings are flagged".to_owned()));
     }
-    let (mut interruption_times, unused_count) = interruptions::remove_interruptions(&mut observations, &plan.gaps_s)?;
+    let (mut interruption_times, unused_count) =
+        interruptions::remove_interruptions(&mut observations, &plan.interruption_times_s)?;
     let mut half_duration_s = scale_times(&mut observations, &mut interruption_times);
     let has_times = half_duration_s > 0.0;
     if !has_times {
@@ -87,14 +88,14 @@ fn reduce_reading(
     setup: &SelfCalibrationSetup<'_>,
     step: &Step,
     reading: &Reading,
-) -> Result<Observation, IdentifyError> {
-    let SelfCalibrationSetup { design, axis, heights, known_motions, .. } = setup;
+) -> Result<RadiusObservation, IdentifyError> {
+    let SelfCalibrationSetup { design, axis, heights_in_machine_mm: heights, known_motions, .. } = setup;
     let name = axis.axis;
     let planned = step.from.get_or_zero(name);
     let actual = reading.position.get(name).unwrap_or(planned);
     // Full turns are ignored: a control may count them differently.
     let off = (actual - planned + PI).rem_euclid(TAU) - PI;
-    if off.abs() > GRID_ANGLE_TOLERANCE_RAD {
+    if off.abs() > TABLE_ANGLE_TOLERANCE_RAD {
         return Err(IdentifyError::IdentificationFailed(format!(
             "step {} ({}): {name} was at {:.4}° instead of {:.4}°; check for a skipped index position",
             step.id,
@@ -114,7 +115,7 @@ fn reduce_reading(
     let centre = axis.corrected_ball_centre(step, reading, known_motions);
     let height = nearest_height_index(heights, centre.z);
     let off = centre - axis.axis_point_at_height(heights[height]);
-    Ok(Observation {
+    Ok(RadiusObservation {
         step_id: step.id,
         height_index: height,
         c_index: grid_index_from_rad(design, planned * axis.clockwise_sign),
@@ -142,7 +143,7 @@ fn nearest_height_index(heights: &[f64], z: f64) -> usize {
 }
 
 /// Scales the times to −1 … 1 around the middle of the measurement. Returns half its duration, s.
-fn scale_times(observations: &mut [Observation], interruption_times: &mut [f64]) -> f64 {
+fn scale_times(observations: &mut [RadiusObservation], interruption_times: &mut [f64]) -> f64 {
     let times = || observations.iter().map(|observation| observation.relative_time);
     let first = times().fold(f64::INFINITY, f64::min);
     let last = times().fold(f64::NEG_INFINITY, f64::max);

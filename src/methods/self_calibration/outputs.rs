@@ -86,7 +86,7 @@ fn build_curves(
         function(&of_axis("Y", "_total"), name, Line, &|i| unit_vector(layout.ey_index(height, i))),
         function(&of_axis("X", ""), name, Line, &|i| motion(i, false)),
         function(&of_axis("Y", ""), name, Line, &|i| motion(i, true)),
-        function("E_radial_XY", "phi", Line, &|i| unit_vector(layout.radial_error_index(height, i))),
+        function("E_radial_XY", "phi", Line, &|i| unit_vector(layout.linear_axes_radial_error_index(height, i))),
         function("W_radial", "theta", Polar, &|i| unit_vector(layout.flank_form_index(height, i))),
         function("W_form", "theta", Polar, &|i| part_form_coefficients(layout, height, i)),
     ]
@@ -147,8 +147,8 @@ pub fn scale_and_squareness_coefficients(layout: &UnknownsLayout, height: usize,
     for i in 0..n {
         let (sin, cos) = (2.0 * layout.design.grid_angle_rad(i)).sin_cos();
         let weight = -4.0 / (n as f64 * radius);
-        scale[layout.radial_error_index(height, i)] = weight * cos;
-        square[layout.radial_error_index(height, i)] = weight * sin;
+        scale[layout.linear_axes_radial_error_index(height, i)] = weight * cos;
+        square[layout.linear_axes_radial_error_index(height, i)] = weight * sin;
     }
     (scale, square)
 }

@@ -8,7 +8,7 @@ use faer::Mat;
 
 use super::design::{AngleGridDesign, AngleGridTouch, CalibrationTest};
 use super::fit::SELF_CALIBRATION_RANK_THRESHOLD;
-use super::model::{Observation, UnknownsLayout};
+use super::model::{RadiusObservation, UnknownsLayout};
 use super::outputs::axis_position_coefficients;
 use crate::identification::dot_product;
 use estimation::linear_least_squares::{self, LinearError, LinearProblem, LinearSolution};
@@ -27,7 +27,7 @@ impl PaperSystem {
         let touches: Vec<AngleGridTouch> = design.cycle_touches(false);
         let layout =
             UnknownsLayout { design: design.clone(), height_count: 1, drift_order: 0, interruption_times: Vec::new() };
-        let observations: Vec<Observation> = touches.iter().map(|t| unmeasured_observation(*t)).collect();
+        let observations: Vec<RadiusObservation> = touches.iter().map(|t| unmeasured_observation(*t)).collect();
         let full = layout.design_matrix(&observations);
         let without_r = layout.unknown_count() - 1;
         // The first touch of the grid, Test 1a at C = 0, is the reference of every difference.
@@ -50,7 +50,7 @@ impl PaperSystem {
 
     /// E_X0C and E_Y0C (mm) as in the paper, from the first reading at each of its positions. `None`: a position has no
     /// reading.
-    pub fn axis_position(&self, observations: &[Observation]) -> Option<[f64; 2]> {
+    pub fn axis_position(&self, observations: &[RadiusObservation]) -> Option<[f64; 2]> {
         let radius = |t: &AngleGridTouch| {
             observations
                 .iter()
@@ -66,9 +66,9 @@ impl PaperSystem {
     }
 }
 
-fn unmeasured_observation(touch: AngleGridTouch) -> Observation {
+fn unmeasured_observation(touch: AngleGridTouch) -> RadiusObservation {
     debug_assert!(!matches!(touch.test, CalibrationTest::ReferenceAfterTests(_)));
-    Observation {
+    RadiusObservation {
         step_id: 0,
         height_index: 0,
         c_index: touch.c_index,

@@ -33,13 +33,13 @@ impl SelfCalibrationSetup<'_> {
             c_index: 0,
             feed_mm_min: self.plan.probe.search_feed_mm_min,
         };
-        let z = self.heights[0];
+        let z = self.heights_in_machine_mm[0];
         let top = || self.touch_step(parameters("Z".to_owned()), self.top_contact_position(part), Vector3::z());
         let top = self.settings.touches_top().then(top);
         let round = (0..4u32).map(|quarter| {
             let angle = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
             let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
-            let centre = Vector3::new(part.centre[0], part.centre[1], z);
+            let centre = Vector3::new(part.centre_mm[0], part.centre_mm[1], z);
             let place = format!("P{:03}", 90 * quarter);
             self.touch_step(parameters(place), centre + part.contact_radius_mm * normal, normal)
         });
@@ -49,7 +49,7 @@ impl SelfCalibrationSetup<'_> {
     /// Position of the ball centre on the top face.
     fn top_contact_position(&self, part: PartGeometry) -> Vector3<f64> {
         let [x, y] = self.settings.z_reference_at_mm;
-        Vector3::new(part.centre[0] + x, part.centre[1] + y, part.top_contact_z_mm)
+        Vector3::new(part.centre_mm[0] + x, part.centre_mm[1] + y, part.top_contact_z_mm)
     }
 
     /// All touches after locating, at every height, around the part at its measured position. The steps are not
@@ -57,8 +57,8 @@ impl SelfCalibrationSetup<'_> {
     pub fn steps_after_locating(&self, part: PartGeometry) -> Result<Vec<Step>, MethodRefusal> {
         let touches = self.design.cycle_touches(self.settings.references);
         let mut steps = Vec::new();
-        for z in &self.heights {
-            let suffix = if self.heights.len() > 1 { format!("/Z{z:.0}") } else { String::new() };
+        for z in &self.heights_in_machine_mm {
+            let suffix = if self.heights_in_machine_mm.len() > 1 { format!("/Z{z:.0}") } else { String::new() };
             for (i, touch) in touches.iter().enumerate() {
                 let label = format!("{}{suffix}", self.touch_label(*touch));
                 steps.push(self.flank_touch_step(self.grid_touch_parameters(label, *touch), *z, *touch, part)?);
@@ -104,8 +104,8 @@ impl SelfCalibrationSetup<'_> {
     ) -> Result<Step, MethodRefusal> {
         let angle = self.design.grid_angle_rad(touch.phi_index);
         let axis = self.axis.axis_point_at_height(z);
-        let from_axis = [part.centre[0] - axis.x, part.centre[1] - axis.y];
-        let off_axis = PartGeometry { centre: from_axis, ..part };
+        let from_axis = [part.centre_mm[0] - axis.x, part.centre_mm[1] - axis.y];
+        let off_axis = PartGeometry { centre_mm: from_axis, ..part };
         let turned = self.design.grid_angle_rad(touch.c_index);
         let distance = expected_contact_distance_mm(off_axis, turned, angle).ok_or_else(|| {
             MethodRefusal::new(
@@ -199,7 +199,7 @@ struct TouchParameters {
 /// Distance from the stated axis along the ray at `phi` to the ball centre in contact, with the table turned by
 /// `c`. `None` if the ball on this ray does not touch the part. The part's centre is relative to the axis.
 fn expected_contact_distance_mm(part: PartGeometry, c: f64, phi: f64) -> Option<f64> {
-    let [x, y] = part.centre;
+    let [x, y] = part.centre_mm;
     // In the machine frame the part turns by −c: its centre is at R(−c)·centre.
     let (sin, cos) = (phi + c).sin_cos();
     let (along, across) = (x * cos + y * sin, -x * sin + y * cos);

@@ -11,7 +11,7 @@ use crate::identification::dot_product;
 use estimation::coverage::chi_square_bounds;
 
 /// Probability that χ² is within its two-sided bounds if all sources are as declared. Only the upper bound is used.
-const CHI_SQUARE_PROBABILITY: f64 = 0.998;
+const CHI2_BOUNDS_PROBABILITY: f64 = 0.998;
 /// Ratio to the largest eigenvalue of the scaled covariance below which an eigenvalue is a rounding error.
 const MIN_KEPT_EIGENVALUE_RATIO: f64 = 1e-9;
 /// Order of the harmonic that is scale difference and squareness of X and Y.
@@ -42,7 +42,8 @@ impl RadialErrorCheck {
     pub fn new(parts: &SolvedRun<'_>) -> Self {
         let highest = parts.fit.layout.design.angle_count / 2;
         let of_orders = |orders: std::ops::RangeInclusive<usize>| {
-            let slopes: Vec<Vec<f64>> = orders.flat_map(|order| harmonic_slopes(&parts.fit.layout, order)).collect();
+            let slopes: Vec<Vec<f64>> =
+                orders.flat_map(|order| radial_error_harmonic_slopes(&parts.fit.layout, order)).collect();
             combine_harmonics(parts, &slopes)
         };
         Self {
@@ -86,7 +87,7 @@ impl RadialErrorCheck {
 
 /// Coefficients over the unknowns of the cosine and the sine part of a harmonic of E_radial, averaged over the
 /// heights.
-fn harmonic_slopes(layout: &UnknownsLayout, order: usize) -> Vec<Vec<f64>> {
+fn radial_error_harmonic_slopes(layout: &UnknownsLayout, order: usize) -> Vec<Vec<f64>> {
     let n = layout.design.angle_count;
     let part = |quarter_turns: f64| {
         let mut slope = vec![0.0; layout.unknown_count()];
@@ -94,7 +95,7 @@ fn harmonic_slopes(layout: &UnknownsLayout, order: usize) -> Vec<Vec<f64>> {
             for i in 0..n {
                 let phase = order as f64 * layout.design.grid_angle_rad(i) - quarter_turns * TAU;
                 let weight = 2.0 / (n * layout.height_count) as f64;
-                slope[layout.radial_error_index(height, i)] += weight * phase.cos();
+                slope[layout.linear_axes_radial_error_index(height, i)] += weight * phase.cos();
             }
         }
         slope
@@ -113,7 +114,7 @@ fn combine_harmonics(parts: &SolvedRun<'_>, slopes: &[Vec<f64>]) -> Option<Radia
     let slopes = Mat::from_fn(slopes.len(), unknowns, |i, j| slopes[i][j]);
     let covariance = parts.identification.propagation.output_covariance(&slopes);
     let (chi2, rank) = chi2_and_rank(&values, &covariance)?;
-    let (_, upper) = chi_square_bounds(rank as f64, CHI_SQUARE_PROBABILITY)?;
+    let (_, upper) = chi_square_bounds(rank as f64, CHI2_BOUNDS_PROBABILITY)?;
     let amplitude_mm = values.iter().map(|value| value * value).sum::<f64>().sqrt();
     Some(RadialHarmonics { amplitude_mm, amplitude_chi2: chi2, expected_chi2: rank as f64, is_excessive: chi2 > upper })
 }

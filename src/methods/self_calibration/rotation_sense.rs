@@ -1,7 +1,7 @@
 //! Check of the axis' sense of rotation against the machine file.
 
-use super::fit::Fit;
-use super::model::{Observation, UnknownsLayout};
+use super::fit::SelfCalibrationFit;
+use super::model::{RadiusObservation, UnknownsLayout};
 use super::outputs::error_motion_coefficients;
 use crate::identification::dot_product;
 
@@ -17,14 +17,14 @@ pub enum RotationSenseCheck {
 
 /// Solves with the opposite sense as well. With the wrong sense an eccentric part appears as an error motion of
 /// twice its eccentricity. With the correct sense the error motion is small.
-pub fn check_rotation_sense(fit: &Fit) -> RotationSenseCheck {
+pub fn check_rotation_sense(fit: &SelfCalibrationFit) -> RotationSenseCheck {
     let n = fit.layout.design.angle_count;
-    let turned: Vec<Observation> = fit
+    let turned: Vec<RadiusObservation> = fit
         .observations
         .iter()
-        .map(|observation| Observation { c_index: (n - observation.c_index) % n, ..*observation })
+        .map(|observation| RadiusObservation { c_index: (n - observation.c_index) % n, ..*observation })
         .collect();
-    let Ok(other) = Fit::new(fit.layout.clone(), turned, fit.sigma.clone(), false) else {
+    let Ok(other) = SelfCalibrationFit::new(fit.layout.clone(), turned, fit.sigma.clone(), false) else {
         return RotationSenseCheck::NotConfirmed;
     };
     let stated = error_motion_norm(&fit.layout, &fit.x);

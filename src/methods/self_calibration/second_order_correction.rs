@@ -6,7 +6,7 @@ use faer::Mat;
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::model::{Observation, UnknownsLayout};
+use super::model::{RadiusObservation, UnknownsLayout};
 use super::outputs::scale_and_squareness_coefficients;
 use estimation::trigonometric_interpolation::TrigonometricInterpolant;
 
@@ -37,7 +37,7 @@ pub struct LinearFormsAtHeight {
 }
 
 impl SecondOrderCorrection {
-    pub fn new(layout: &UnknownsLayout, observations: &[Observation]) -> Self {
+    pub fn new(layout: &UnknownsLayout, observations: &[RadiusObservation]) -> Self {
         let contacts = observations.iter().map(|observation| ObservationContact::new(layout, observation)).collect();
         let heights = (0..layout.height_count).map(|height| LinearFormsAtHeight::new(layout, height)).collect();
         Self { contacts, heights }
@@ -63,7 +63,7 @@ struct TrialValuesAtHeight {
 }
 
 impl ObservationContact {
-    fn new(layout: &UnknownsLayout, observation: &Observation) -> Self {
+    fn new(layout: &UnknownsLayout, observation: &RadiusObservation) -> Self {
         Self {
             height_index: observation.height_index,
             normal: layout.ray_direction(observation.phi_index),

@@ -18,7 +18,7 @@ pub struct SelfCalibrationSetup<'a> {
     /// The part of the plan at its position with the axis at zero.
     pub stated_part: Cylinder,
     /// Heights of the touches in the machine frame, mm.
-    pub heights: Vec<f64>,
+    pub heights_in_machine_mm: Vec<f64>,
     /// Error motions that are subtracted from the observations.
     pub known_motions: KnownErrorMotions<'a>,
 }
@@ -26,7 +26,7 @@ pub struct SelfCalibrationSetup<'a> {
 /// Position and size of the part: centre with the axis at zero, radius of the ball centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PartGeometry {
-    pub centre: [f64; 2],
+    pub centre_mm: [f64; 2],
     /// Radius of the part plus radius of the ball.
     pub contact_radius_mm: f64,
     /// Height of the ball centre on the top face.
@@ -48,12 +48,20 @@ impl<'a> SelfCalibrationSetup<'a> {
             "the spindle cannot be oriented: the machine has no axis S",
             "choose spindle = \"fixed\", or add [axes.S]",
         )?;
-        let foot_z_mm = stated_part.centre_mm[2];
+        let foot_z_mm = stated_part.foot_mm[2];
         let heights = match settings.heights_mm.as_slice() {
             [] => vec![foot_z_mm + stated_part.height_mm / 2.0],
             heights => heights.iter().map(|height| foot_z_mm + height).collect(),
         };
-        Ok(Self { plan, settings, design, axis, stated_part, heights, known_motions: KnownErrorMotions::default() })
+        Ok(Self {
+            plan,
+            settings,
+            design,
+            axis,
+            stated_part,
+            heights_in_machine_mm: heights,
+            known_motions: KnownErrorMotions::default(),
+        })
     }
 
     /// The setup with the error motions that the priors of the plan contain.
@@ -67,10 +75,10 @@ impl<'a> SelfCalibrationSetup<'a> {
 
     /// The part as the plan states it.
     pub fn nominal_part(&self) -> PartGeometry {
-        let Cylinder { centre_mm, radius_mm, height_mm, .. } = self.stated_part;
+        let Cylinder { foot_mm: centre_mm, radius_mm, height_mm, .. } = self.stated_part;
         let ball = self.plan.probe.ball_radius_mm;
         PartGeometry {
-            centre: [centre_mm[0], centre_mm[1]],
+            centre_mm: [centre_mm[0], centre_mm[1]],
             contact_radius_mm: radius_mm + ball,
             top_contact_z_mm: centre_mm[2] + height_mm + ball,
         }

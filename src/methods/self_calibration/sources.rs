@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::model::{Observation, UnknownsLayout};
+use super::model::{RadiusObservation, UnknownsLayout};
 use super::settings::SpindleMode;
 use super::setup::SelfCalibrationSetup;
 use crate::identification::declared_sources::{
@@ -18,7 +18,7 @@ use machine::record::plan::Plan;
 pub fn uncertainty_sources(
     setup: &SelfCalibrationSetup<'_>,
     layout: &UnknownsLayout,
-    observations: &[Observation],
+    observations: &[RadiusObservation],
     seconds_per_unit: f64,
 ) -> Vec<UncertaintySource> {
     let touches = MeasuredTouches::new(setup, layout, observations);
@@ -55,12 +55,12 @@ fn source_absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> Uncertainty
 pub fn rotary_axis_sources(
     setup: &SelfCalibrationSetup<'_>,
     layout: &UnknownsLayout,
-    observations: &[Observation],
+    observations: &[RadiusObservation],
 ) -> Vec<UncertaintySource> {
     let SelfCalibrationSetup { plan, axis, known_motions, .. } = setup;
     // Commanded angles of the observations within a revolution, rad.
     let commanded_angle =
-        |observation: &Observation| layout.design.grid_angle_rad(observation.c_index) * axis.clockwise_sign;
+        |observation: &RadiusObservation| layout.design.grid_angle_rad(observation.c_index) * axis.clockwise_sign;
     let angles: Vec<f64> = observations.iter().map(commanded_angle).collect();
     let by_component = |component| radius_derivatives_by_motion(setup, layout, observations, component);
     let is_lost = |error: &ErrorParameter| match error.shape() {
@@ -87,13 +87,13 @@ pub fn rotary_axis_sources(
 fn radius_derivatives_by_motion(
     setup: &SelfCalibrationSetup<'_>,
     layout: &UnknownsLayout,
-    observations: &[Observation],
+    observations: &[RadiusObservation],
     component: Axis,
 ) -> Vec<f64> {
-    let of_radius = |observation: &Observation| {
+    let of_radius = |observation: &RadiusObservation| {
         let normal = layout.ray_direction(observation.phi_index);
         let across = Vector3::z().cross(&normal);
-        let centre = setup.axis.axis_point_at_height(setup.heights[observation.height_index])
+        let centre = setup.axis.axis_point_at_height(setup.heights_in_machine_mm[observation.height_index])
             + observation.along_ray_mm * normal
             + observation.across_ray_mm * across;
         setup.axis.radius_derivative_by_motion(component, centre, normal)
@@ -104,23 +104,23 @@ fn radius_derivatives_by_motion(
 /// The touches whose radii the sources change.
 struct MeasuredTouches<'a> {
     plan: &'a Plan,
-    observations: &'a [Observation],
+    observations: &'a [RadiusObservation],
     /// Directions of the rays.
     normals: Vec<Vector3<f64>>,
     /// Contact points relative to the axis at the mean height, where its location is reported.
-    points: Vec<Vector3<f64>>,
+    contact_points_mm: Vec<Vector3<f64>>,
 }
 
 impl<'a> MeasuredTouches<'a> {
-    fn new(setup: &SelfCalibrationSetup<'a>, layout: &UnknownsLayout, observations: &'a [Observation]) -> Self {
-        let SelfCalibrationSetup { plan, heights, .. } = setup;
+    fn new(setup: &SelfCalibrationSetup<'a>, layout: &UnknownsLayout, observations: &'a [RadiusObservation]) -> Self {
+        let SelfCalibrationSetup { plan, heights_in_machine_mm: heights, .. } = setup;
         let normals: Vec<Vector3<f64>> = observations.iter().map(|s| layout.ray_direction(s.phi_index)).collect();
         let mean = heights.iter().sum::<f64>() / heights.len() as f64;
-        let point = |(s, n): (&Observation, &Vector3<f64>)| {
+        let point = |(s, n): (&RadiusObservation, &Vector3<f64>)| {
             n * s.along_ray_mm + Vector3::z() * (heights[s.height_index] - mean)
         };
         let points = observations.iter().zip(&normals).map(point).collect();
-        Self { plan, observations, normals, points }
+        Self { plan, observations, normals, contact_points_mm: points }
     }
 
     /// Offset of the stylus from its stated position. If the spindle follows the probe angle, the offset changes only
@@ -162,10 +162,10 @@ impl<'a> MeasuredTouches<'a> {
     fn angular_motion_columns(&self) -> Vec<Vec<f64>> {
         let column = |(error, angles): (ErrorParameter, Vec<f64>)| {
             let about = error.component().nominal_direction();
-            let along = self.points.iter().zip(&self.normals).map(|(p, n)| about.cross(p).dot(n));
+            let along = self.contact_points_mm.iter().zip(&self.normals).map(|(p, n)| about.cross(p).dot(n));
             along.zip(angles).map(|(along, angle)| along * angle).collect()
         };
-        angular_motion_patterns(self.plan, &self.points).into_iter().map(column).collect()
+        angular_motion_patterns(self.plan, &self.contact_points_mm).into_iter().map(column).collect()
     }
 
     /// Positioning and straightness errors of X, Y and Z along the ray. Those of Z are relative to the mean height.
@@ -173,7 +173,7 @@ impl<'a> MeasuredTouches<'a> {
         let along_ray = |pattern: &[f64], k: usize| -> Vec<f64> {
             pattern.iter().zip(&self.normals).map(|(value, n)| -value * n[k]).collect()
         };
-        let patterns = linear_motion_patterns(self.plan, &self.points);
+        let patterns = linear_motion_patterns(self.plan, &self.contact_points_mm);
         patterns.iter().flat_map(|pattern| [0, 1].map(|k| along_ray(pattern, k))).collect()
     }
 }
@@ -181,10 +181,14 @@ impl<'a> MeasuredTouches<'a> {
 /// Cause of the steps at interruptions. The references are touched with the axis at 0. They measure a step, but not its
 /// cause: the table moved, as the fit assumes, or the part moved on the table and turns with the axis. All shares of
 /// the two causes are equally likely. `x`: the solution, including the steps.
-pub fn interruption_source(layout: &UnknownsLayout, observations: &[Observation], x: &[f64]) -> UncertaintySource {
+pub fn interruption_step_source(
+    layout: &UnknownsLayout,
+    observations: &[RadiusObservation],
+    x: &[f64],
+) -> UncertaintySource {
     let column = |gap: usize, k: usize| {
         let step = x[layout.interruption_step_index(k, gap)] / 3f64.sqrt();
-        let at = |s: &Observation| {
+        let at = |s: &RadiusObservation| {
             let theta = layout.design.theta_index(s.c_index, s.phi_index);
             let turned = layout.ray_direction(theta)[k] - layout.ray_direction(s.phi_index)[k];
             step * layout.interruption_step_value(s, gap) * turned

@@ -6,8 +6,8 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::design::AngleGridDesign;
-use super::fit::{Fit, SELF_CALIBRATION_RANK_THRESHOLD};
-use super::model::{Observation, UnknownsLayout};
+use super::fit::{SELF_CALIBRATION_RANK_THRESHOLD, SelfCalibrationFit};
+use super::model::{RadiusObservation, UnknownsLayout};
 use super::outputs::axis_position_coefficients;
 use super::paper_system::PaperSystem;
 use super::settings::SelfCalibrationSettings;
@@ -114,7 +114,7 @@ fn paper_table_5_uncertainties() {
         let own = [
             layout.ex_index(0, i),
             layout.ey_index(0, i),
-            layout.radial_error_index(0, i),
+            layout.linear_axes_radial_error_index(0, i),
             layout.flank_form_index(0, i),
         ];
         for (column, index) in own.into_iter().enumerate() {
@@ -170,13 +170,13 @@ fn noise_free_unknowns_are_recovered() {
     for zero in [
         l.ex_index(0, 0),
         l.ey_index(0, 0),
-        l.radial_error_index(0, 0),
+        l.linear_axes_radial_error_index(0, 0),
         l.flank_form_index(0, 0),
-        l.radial_error_index(0, 4),
+        l.linear_axes_radial_error_index(0, 4),
     ] {
         truth[zero - 1] = 0.0;
     }
-    truth[l.radial_error_index(0, 6) - 1] = truth[l.radial_error_index(0, 2) - 1];
+    truth[l.linear_axes_radial_error_index(0, 6) - 1] = truth[l.linear_axes_radial_error_index(0, 2) - 1];
     let differences = multiply_vector(&form.design_matrix, &truth);
     let found = form.solve(&differences, 1.0).unwrap().x;
     let worst = found.iter().zip(&truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -206,10 +206,10 @@ impl RoundPart {
 
 fn identified_axis_position(part: &RoundPart, n: usize, with_second_order: bool) -> [f64; 2] {
     let design = AngleGridDesign { angle_count: n, probe_angle_indices: vec![0, 1, n / 4] };
-    let observations: Vec<Observation> = design
+    let observations: Vec<RadiusObservation> = design
         .cycle_touches(false)
         .into_iter()
-        .map(|t| Observation {
+        .map(|t| RadiusObservation {
             step_id: 0,
             height_index: 0,
             c_index: t.c_index,
@@ -222,7 +222,8 @@ fn identified_axis_position(part: &RoundPart, n: usize, with_second_order: bool)
         .collect();
     let layout = UnknownsLayout { design, height_count: 1, drift_order: 0, interruption_times: Vec::new() };
     let sigma = vec![1e-3; observations.len()];
-    let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, with_second_order).unwrap();
+    let SelfCalibrationFit { layout, x, .. } =
+        SelfCalibrationFit::new(layout, observations, sigma, with_second_order).unwrap();
     let (cx, cy) = axis_position_coefficients(&layout, 0);
     [dot_product(&cx, &x), dot_product(&cy, &x)]
 }
@@ -310,7 +311,7 @@ fn linear_drift_is_removed() {
     let mut rng = seeded_stream(3, &[9]);
     let rate: [f64; 3] = std::array::from_fn(|_| 0.01 * (rng.random::<f64>() - 0.5));
     let last = (touches.len() - 1) as f64;
-    let observations: Vec<Observation> = touches
+    let observations: Vec<RadiusObservation> = touches
         .iter()
         .enumerate()
         .map(|(i, t)| {
@@ -319,7 +320,7 @@ fn linear_drift_is_removed() {
             let drift = time * (rate[0] * cos + rate[1] * sin + rate[2]);
             let radius =
                 part.measured_radius_mm(design.grid_angle_rad(t.c_index), design.grid_angle_rad(t.phi_index)) + drift;
-            Observation {
+            RadiusObservation {
                 step_id: 0,
                 height_index: 0,
                 c_index: t.c_index,
@@ -333,7 +334,7 @@ fn linear_drift_is_removed() {
         .collect();
     let layout = UnknownsLayout { design, height_count: 1, drift_order: 1, interruption_times: Vec::new() };
     let sigma = vec![1e-3; observations.len()];
-    let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, true).unwrap();
+    let SelfCalibrationFit { layout, x, .. } = SelfCalibrationFit::new(layout, observations, sigma, true).unwrap();
     let (cx, cy) = axis_position_coefficients(&layout, 0);
     assert!((dot_product(&cx, &x) - 0.02).abs() < 5e-5, "{}", dot_product(&cx, &x));
     assert!((dot_product(&cy, &x) + 0.01).abs() < 5e-5, "{}", dot_product(&cy, &x));
@@ -348,10 +349,10 @@ fn the_default_design_is_well_posed_for_any_n() {
         let layout = UnknownsLayout { design, height_count: 1, drift_order: 1, interruption_times: Vec::new() };
         let touches = layout.design.cycle_touches(true);
         let last = touches.len() as f64;
-        let seen: Vec<Observation> = touches
+        let seen: Vec<RadiusObservation> = touches
             .iter()
             .enumerate()
-            .map(|(i, t)| Observation {
+            .map(|(i, t)| RadiusObservation {
                 step_id: 0,
                 height_index: 0,
                 c_index: t.c_index,

@@ -35,7 +35,7 @@ pub(crate) struct TransmissionText {
     pub units_by_block: Vec<Vec<TransmissionUnit>>,
     /// The programs that the G-code reader must read back, each from an unknown state: the whole text, in the order of
     /// transmission.
-    pub programs: Vec<String>,
+    pub programs_to_read_back: Vec<String>,
     /// Number of lines of the programs before the first unit.
     pub head_line_count: usize,
 }
@@ -70,7 +70,7 @@ impl Dialect {
             all.push(units);
         }
         text += &join_lines(self.render_foot(&program)?);
-        Ok(TransmissionText { units_by_block: all, programs: vec![text], head_line_count: head_lines })
+        Ok(TransmissionText { units_by_block: all, programs_to_read_back: vec![text], head_line_count: head_lines })
     }
 
     fn render_motion_unit(&self, block: &MotionBlock, motion: &Motion) -> Result<TransmissionUnit, RenderError> {
@@ -96,7 +96,7 @@ impl Dialect {
             all.push(units);
         }
         let programs = all.iter().flatten().map(|unit| unit.text.clone()).collect();
-        Ok(TransmissionText { units_by_block: all, programs, head_line_count: 0 })
+        Ok(TransmissionText { units_by_block: all, programs_to_read_back: programs, head_line_count: 0 })
     }
 
     fn render_program_unit(

@@ -81,9 +81,9 @@ fn a_touch_of_one_ball_among_others_is_proven() {
     assert_eq!(nearest.between, ["stylus stem", "ball 1"]);
     assert!((nearest.clearance_mm - 1.88).abs() < 0.04, "{nearest:?}");
     assert_eq!(nearest.line, TOUCH_LINE);
-    assert_eq!(proof.not_looked_at, ["spindle nose", "table"]);
+    assert_eq!(proof.unchecked_items, ["spindle nose", "table"]);
     let bare = two_ball_plan(|plan| plan["artefact"]["balls"][1]["stem_radius_mm"] = 0.0.into());
-    let told = prove_plan(&bare).unwrap().not_looked_at;
+    let told = prove_plan(&bare).unwrap().unchecked_items;
     assert_eq!(told, ["stem of ball 2", "spindle nose", "table"]);
 }
 
@@ -107,7 +107,7 @@ fn touch_that_can_miss_or_meets_the_wrong_side_is_refused() {
     };
     assert!(normal(24.0).is_ok());
     match normal(180.0).unwrap_err().reason {
-        RefusalReason::WrongContactSide { body: found, off } if found == body => {
+        RefusalReason::WrongContactSide { body: found, off_deg: off } if found == body => {
             assert!((off - 180.0).abs() < 1e-6)
         }
         other => panic!("{other}"),

@@ -19,7 +19,7 @@ pub struct BodyPair {
     pub max_misplacement_mm: f64,
     /// For the stylus ball and a sensor on the table that measures it: the smallest gap within the sensor's range,
     /// mm.
-    pub min_measured_gap_mm: Option<f64>,
+    pub min_gap_in_sensor_range_mm: Option<f64>,
 }
 
 /// Role of a pair in the touch of one body of the artefact, which has the contained number.
@@ -133,7 +133,7 @@ fn make_relatively_moving_pair(
         role,
         is_contact_detected,
         max_misplacement_mm: position_uncertainty_mm,
-        min_measured_gap_mm: measured_gap,
+        min_gap_in_sensor_range_mm: measured_gap,
     })
 }
 

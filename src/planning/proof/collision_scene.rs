@@ -194,7 +194,9 @@ fn required_clearance_and_touched_body_misplacement(
 ) -> Option<(f64, Option<LateralMisplacement>)> {
     Some(match (rule, pair.role) {
         (ClearanceRule::UnguardedMove, _) => (MIN_UNGUARDED_CLEARANCE_MM, None),
-        (ClearanceRule::UnguardedInNest, _) => (pair.min_measured_gap_mm.unwrap_or(MIN_UNGUARDED_CLEARANCE_MM), None),
+        (ClearanceRule::UnguardedInNest, _) => {
+            (pair.min_gap_in_sensor_range_mm.unwrap_or(MIN_UNGUARDED_CLEARANCE_MM), None)
+        }
         (ClearanceRule::GuardedMove, _) => (pair.required_guarded_clearance_mm(), None),
         (ClearanceRule::GuardedFirstMove, _) => (
             required_clearance_of_leaving_pair_mm(pair, joint_path)
@@ -370,7 +372,7 @@ impl CollisionSceneBuilder {
             plan.solids.iter().any(|solid| carried(solid.on) == Some(side))
         };
         let sides = [("spindle nose", MachineSide::Tool), ("table", MachineSide::Workpiece)];
-        let balls_without_stem = sides.into_iter().filter(|(_, side)| !has_solid_on(*side));
-        balls_without_stem.map(|(name, _)| name.to_owned()).collect()
+        let undeclared_sides = sides.into_iter().filter(|(_, side)| !has_solid_on(*side));
+        undeclared_sides.map(|(name, _)| name.to_owned()).collect()
     }
 }

@@ -32,12 +32,12 @@ pub fn prove_block_text(
 /// # Errors
 /// The errors of [`prove_block_text`].
 pub fn prove_block_text_from(
-    begins: Position,
+    start_position: Position,
     block: &MotionBlock,
     axes: &[Axis],
     dialect: &Dialect,
     transmission: &TransmissionForm,
 ) -> Result<ProvenBlock, StageProofError> {
     let sent = dialect.render_for_transmission(transmission, axes, std::slice::from_ref(block))?;
-    read_back_block(block, begins, dialect, transmission, sent)
+    read_back_block(block, start_position, dialect, transmission, sent)
 }

@@ -25,7 +25,7 @@ const MAX_RETRACT_LENGTH_MM: f64 = 2.0;
 
 /// The move that a text must contain.
 #[derive(Debug, Clone, Copy)]
-pub struct JogProofRequest<'a> {
+pub struct SingleMoveProofRequest<'a> {
     /// Machine, probe and bodies.
     pub plan: &'a Plan,
     /// Positions of all axes.
@@ -44,7 +44,7 @@ pub struct JogProofRequest<'a> {
 /// # Errors
 /// The jog cannot be rendered; the first line that is wrong; the bodies that would come too near.
 pub fn prove_jog(
-    request: &JogProofRequest<'_>,
+    request: &SingleMoveProofRequest<'_>,
     transmission: &TransmissionForm,
     block: &MotionBlock,
 ) -> Result<ProvenBlock, StageProofError> {
@@ -57,7 +57,7 @@ pub fn prove_jog(
 /// # Errors
 /// The errors of [`prove_jog`].
 pub fn prove_retract(
-    request: &JogProofRequest<'_>,
+    request: &SingleMoveProofRequest<'_>,
     transmission: &TransmissionForm,
     block: &MotionBlock,
 ) -> Result<ProvenBlock, StageProofError> {
@@ -67,20 +67,20 @@ pub fn prove_retract(
 type MinClearanceResult = Result<Option<Clearance>, ProofRefusal>;
 
 fn prove_single_move(
-    request: &JogProofRequest<'_>,
+    request: &SingleMoveProofRequest<'_>,
     transmission: &TransmissionForm,
     block: &MotionBlock,
-    check: fn(&JogProofRequest<'_>, &[String]) -> MinClearanceResult,
+    check: fn(&SingleMoveProofRequest<'_>, &[String]) -> MinClearanceResult,
 ) -> Result<ProvenBlock, StageProofError> {
     let axes: Vec<Axis> = request.plan.machine.axes.keys().copied().collect();
     let blocks = std::slice::from_ref(block);
     let sent = request.dialect.render_for_transmission(transmission, &axes, blocks)?;
-    check(request, &sent.programs)?;
+    check(request, &sent.programs_to_read_back)?;
     read_back_block(block, request.start_position.clone(), request.dialect, transmission, sent)
 }
 
 /// Checks the line of a jog against its request and the bodies. Returns the smallest clearance, if there are bodies.
-pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
+pub(super) fn check_jog(request: &SingleMoveProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
     let motion = read_single_move(request, programs)?;
     let refusal = |reason: RefusalReason| reason.at_line(motion.line);
     check_single_axis_move(request, &motion, MAX_JOG_LENGTH_MM_OR_DEG)
@@ -90,7 +90,7 @@ pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> M
 }
 
 /// Checks a retract, like [`check_jog`].
-pub(super) fn check_retract(request: &JogProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
+pub(super) fn check_retract(request: &SingleMoveProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
     let motion = read_single_move(request, programs)?;
     let refusal = |reason: RefusalReason| reason.at_line(motion.line);
     check_single_axis_move(request, &motion, MAX_RETRACT_LENGTH_MM).map_err(refusal)?;
@@ -102,7 +102,7 @@ pub(super) fn check_retract(request: &JogProofRequest<'_>, programs: &[String]) 
     check_no_body_is_approached(request, &motion).map_err(refusal)
 }
 
-fn read_single_move(request: &JogProofRequest<'_>, programs: &[String]) -> Result<ReadMotion, ProofRefusal> {
+fn read_single_move(request: &SingleMoveProofRequest<'_>, programs: &[String]) -> Result<ReadMotion, ProofRefusal> {
     let motions = read_back_programs(request.dialect, programs)?;
     <[ReadMotion; 1]>::try_from(motions)
         .map(|[motion]| motion)
@@ -112,11 +112,11 @@ fn read_single_move(request: &JogProofRequest<'_>, programs: &[String]) -> Resul
 /// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
 /// longer than `longest`, mm or degrees.
 fn check_single_axis_move(
-    request: &JogProofRequest<'_>,
+    request: &SingleMoveProofRequest<'_>,
     motion: &ReadMotion,
     longest: f64,
 ) -> Result<(), RefusalReason> {
-    let JogProofRequest { plan, axis, dialect, .. } = *request;
+    let SingleMoveProofRequest { plan, axis, dialect, .. } = *request;
     if let MotionFrame::Work(slot) = &motion.frame {
         return Err(RefusalReason::MotionInWorkFrame(slot.clone()));
     }
@@ -130,14 +130,14 @@ fn check_single_axis_move(
     motion_rules::check_axis_limits(motion, &plan.machine, dialect)?;
     let by = axis.to_mm_or_deg((request.target_mm_or_rad - request.start_position.get_or_zero(axis)).abs());
     if by > longest {
-        return Err(RefusalReason::MoveTooLong { by, most: longest });
+        return Err(RefusalReason::MoveTooLong { length: by, limit: longest });
     }
     Ok(())
 }
 
 /// Checks that contact stops the move, or that its feed is limited.
-fn check_guard_and_feed(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<(), RefusalReason> {
-    let JogProofRequest { plan, axis, .. } = *request;
+fn check_guard_and_feed(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> Result<(), RefusalReason> {
+    let SingleMoveProofRequest { plan, axis, .. } = *request;
     match motion.kind {
         // Moves of linear axes are guarded: contact stops them.
         MotionKind::Probe { must_touch: false } if axis.is_linear() => {
@@ -151,10 +151,10 @@ fn check_guard_and_feed(request: &JogProofRequest<'_>, motion: &ReadMotion) -> R
 
 /// Checks the clearance for every axis that the drives may actually move.
 fn check_clearance_of_any_axis(
-    request: &JogProofRequest<'_>,
+    request: &SingleMoveProofRequest<'_>,
     motion: &ReadMotion,
 ) -> Result<Option<Clearance>, RefusalReason> {
-    let JogProofRequest { plan, start_position: position, axis, .. } = *request;
+    let SingleMoveProofRequest { plan, start_position: position, axis, .. } = *request;
     let scene = CollisionScene::new(plan, &plan.artefact)?;
     let from = motion_rules::axis_commands(&plan.machine, position)?;
     let by = axis.to_mm_or_deg((request.target_mm_or_rad - position.get_or_zero(axis)).abs());
@@ -178,10 +178,10 @@ fn check_clearance_of_any_axis(
 
 /// Checks that no declared body is approached, at the assumed position of the machine.
 fn check_no_body_is_approached(
-    request: &JogProofRequest<'_>,
+    request: &SingleMoveProofRequest<'_>,
     motion: &ReadMotion,
 ) -> Result<Option<Clearance>, RefusalReason> {
-    let JogProofRequest { plan, start_position: position, axis, target_mm_or_rad: to, .. } = *request;
+    let SingleMoveProofRequest { plan, start_position: position, axis, target_mm_or_rad: to, .. } = *request;
     let scene = CollisionScene::new(plan, &plan.artefact)?;
     let joint_path = JointPath {
         from: motion_rules::axis_commands(&plan.machine, position)?,

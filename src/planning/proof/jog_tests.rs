@@ -2,7 +2,7 @@
 
 use super::jog::{check_jog, check_retract};
 use super::tests::{cylinder_touch_plan, position_beside_part};
-use super::{JogProofRequest, ProofRefusal, RefusalReason};
+use super::{ProofRefusal, RefusalReason, SingleMoveProofRequest};
 use crate::gcode::Dialect;
 use machine::record::plan::Plan;
 use machine::record::stage_proof::Clearance;
@@ -33,12 +33,12 @@ fn check_lines(
     lines: &str,
     (axis, to): (Axis, f64),
     position: &Position,
-    check: fn(&JogProofRequest<'_>, &[String]) -> MinClearanceResult<ProofRefusal>,
+    check: fn(&SingleMoveProofRequest<'_>, &[String]) -> MinClearanceResult<ProofRefusal>,
 ) -> MinClearanceResult<RefusalReason> {
     let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}\n");
     let to = axis.to_mm_or_rad(to);
-    let request = JogProofRequest {
+    let request = SingleMoveProofRequest {
         plan,
         start_position: position,
         axis,
@@ -65,7 +65,7 @@ fn a_jog_moves_its_axis_alone_slowly_and_guarded() {
     assert!(matches!(x("G54\nN1 G38.3 X101 F60"), Err(RefusalReason::MotionInWorkFrame(_))));
 
     let far = prove_jog_lines(&plan, "N1 G38.3 X140 F60", (Axis::X, 140.0), &position_beside_part());
-    assert_eq!(far, Err(RefusalReason::MoveTooLong { by: 40.0, most: 10.0 }));
+    assert_eq!(far, Err(RefusalReason::MoveTooLong { length: 40.0, limit: 10.0 }));
     let beyond = prove_jog_lines(&plan, "N1 G38.3 X301 F60", (Axis::X, 301.0), &position_beside_part());
     assert!(matches!(beyond, Err(RefusalReason::OutsideLimits { .. })));
     let turn = |lines: &str| prove_jog_lines(&plan, lines, (Axis::C, 1.0), &position_beside_part());
@@ -111,7 +111,7 @@ fn a_retract_is_one_short_slow_feed_move_of_one_linear_axis() {
     );
     assert!(z("N1 G53 G1 Z302 F60", 302.0).is_ok());
     let long = z("N1 G53 G1 Z302.5 F60", 302.5);
-    assert_eq!(long, Err(RefusalReason::MoveTooLong { by: 2.5, most: 2.0 }));
+    assert_eq!(long, Err(RefusalReason::MoveTooLong { length: 2.5, limit: 2.0 }));
     assert!(matches!(z("N1 G53 G1 Z301 F61", 301.0), Err(RefusalReason::WrongFeed { .. })));
     assert_eq!(z("N1 G53 G0 Z301", 301.0), Err(RefusalReason::InvalidRetract));
     assert_eq!(z("N1 G38.3 Z301 F60", 301.0), Err(RefusalReason::InvalidRetract));

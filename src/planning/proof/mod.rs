@@ -66,7 +66,7 @@ mod tests;
 #[cfg(test)]
 mod unverified_position_rules_tests;
 
-pub use jog::{JogProofRequest, prove_jog, prove_retract};
+pub use jog::{SingleMoveProofRequest, prove_jog, prove_retract};
 pub use proven_blocks::{AlteredBlockError, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks};
 pub use proven_mode_text::{ProvenModeText, render_and_prove_mode_text};
 pub use refusal::{ProofRefusal, RefusalReason};

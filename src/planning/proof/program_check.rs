@@ -25,7 +25,7 @@ pub(super) enum StepPhase {
     /// The machine is back at `from`.
     BackedOff,
     /// The prompt has stopped the program.
-    PromptShown,
+    StoppedForPrompt,
 }
 
 fn is_prompt(step: &Step) -> bool {
@@ -159,7 +159,7 @@ impl<'a> ProgramCheck<'a> {
     fn check_motion_in_prompt(&mut self, kind: MotionKind) -> CheckResult {
         match (kind, self.step_phase) {
             (MotionKind::ProgramStop, StepPhase::Approach) => {
-                (self.position, self.step_phase) = (Position::new(), StepPhase::PromptShown);
+                (self.position, self.step_phase) = (Position::new(), StepPhase::StoppedForPrompt);
                 self.touched_directions = TouchedDirections::default();
                 Ok(())
             }
@@ -186,15 +186,15 @@ impl<'a> ProgramCheck<'a> {
 
     fn complete_step(&mut self) -> CheckResult {
         match (self.current_step().and_then(|step| step.scan.as_ref()), self.step_phase) {
-            (_, StepPhase::PromptShown) => return Ok(()),
+            (_, StepPhase::StoppedForPrompt) => return Ok(()),
             (Some(scan), _) => self.check_scan_complete(scan)?,
             (None, StepPhase::Touched) => {
-                return Err(RefusalReason::StepEndsWithout("the back-off from contact"));
+                return Err(RefusalReason::StepIncomplete("the back-off from contact"));
             }
             (None, StepPhase::BackedOff) => {
                 self.check_straight_move(&Position::new(), &ClearanceRule::UnguardedMove)?
             }
-            (None, _) => return Err(RefusalReason::StepEndsWithout("the touch")),
+            (None, _) => return Err(RefusalReason::StepIncomplete("the touch")),
         }
         self.proof.steps.extend(self.min_clearance_of_step.take());
         if let Some(step) = self.current_step() {
@@ -208,7 +208,9 @@ impl<'a> ProgramCheck<'a> {
             self.complete_step()?;
         }
         let next = self.current_step_index.map_or(0, |turn| turn + 1);
-        self.steps_with_stage_index.get(next).map_or(Ok(()), |(step, _)| Err(RefusalReason::EndsBeforeStep(step.id)))
+        self.steps_with_stage_index
+            .get(next)
+            .map_or(Ok(()), |(step, _)| Err(RefusalReason::ProgramEndsBeforeStep(step.id)))
     }
 
     /// Checks a probing move: the touch of the current step if it begins at `from` or ends at `to`, otherwise a
@@ -342,10 +344,10 @@ impl<'a> ProgramCheck<'a> {
         let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
         proof.nearest = proof.steps.iter().min_by(least).cloned();
         let scene = self.scenes_by_stage.into_iter().next();
-        proof.not_looked_at = scene.map_or(Vec::new(), |scene| scene.unchecked_items);
+        proof.unchecked_items = scene.map_or(Vec::new(), |scene| scene.unchecked_items);
         if let (Some(first), Some(last)) = (self.unchecked_lines.first(), self.unchecked_lines.last()) {
             proof
-                .not_looked_at
+                .unchecked_items
                 .push(format!("the path of lines {first} to {last}, before the positions of all axes are known"));
         }
         proof

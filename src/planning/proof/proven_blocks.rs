@@ -135,8 +135,8 @@ pub fn prove_blocks(request: &StageProofRequest<'_>) -> Result<(StageProof, Vec<
     } = *request;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let sent = dialect.render_for_transmission(transmission, &axes, blocks)?;
-    let read = read_back_programs(dialect, &sent.programs)?;
-    let programs = &sent.programs;
+    let read = read_back_programs(dialect, &sent.programs_to_read_back)?;
+    let programs = &sent.programs_to_read_back;
     let request =
         ProofRequest { plan, stages, start_position: position, touched_directions: confirmed, dialect, programs };
     let proof = prove_read_motions(&request, read.clone())?;
@@ -156,9 +156,9 @@ pub(super) fn read_back_block(
     sent: TransmissionText,
 ) -> Result<ProvenBlock, StageProofError> {
     let blocks = std::slice::from_ref(block);
-    let read = read_back_programs(dialect, &sent.programs)?;
+    let read = read_back_programs(dialect, &sent.programs_to_read_back)?;
     let mut proven = assign_motions_to_units(dialect, blocks, transmission, sent, read, start_position)?;
-    proven.pop().ok_or(RefusalReason::EndsBeforeStep(block.step).at_line(1).into())
+    proven.pop().ok_or(RefusalReason::ProgramEndsBeforeStep(block.step).at_line(1).into())
 }
 
 /// Assigns to each unit its motions of `read`, and compares them with the rendered motions.
@@ -271,7 +271,7 @@ mod tests {
         let lines = TransmissionForm::Lines { max_line_bytes: 80 };
         let sent = dialect.render_for_transmission(&lines, &[Axis::X], &blocks).unwrap();
         let proven = |sent: TransmissionText| {
-            let read = read_back_programs(&dialect, &sent.programs)?;
+            let read = read_back_programs(&dialect, &sent.programs_to_read_back)?;
             assign_motions_to_units(&dialect, &blocks, &lines, sent, read, position_beside_part())
         };
         assert!(proven(sent.clone()).is_ok());

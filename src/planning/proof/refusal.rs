@@ -49,9 +49,9 @@ pub enum RefusalReason {
     #[error("a motion of step {found} is out of order{}", next_step_note(.expected))]
     WrongStepOrder { found: u32, expected: Option<u32> },
     #[error("the step ends without {0}")]
-    StepEndsWithout(&'static str),
+    StepIncomplete(&'static str),
     #[error("the program ends before step {0}")]
-    EndsBeforeStep(u32),
+    ProgramEndsBeforeStep(u32),
     #[error("the motion is in {0}, not in machine coordinates")]
     MotionInWorkFrame(String),
     #[error("the motion moves {0}, but the machine has no axis {0}")]
@@ -78,8 +78,8 @@ pub enum RefusalReason {
     TouchWithoutContact,
     #[error("the touch would miss {body} if the position of {body} is off by {uncertainty} mm (uncertainty_mm)")]
     TouchCanMiss { body: String, uncertainty: f64 },
-    #[error("the touch meets {body} {off:.0}° away from the contact direction of the step (`normal`)")]
-    WrongContactSide { body: String, off: f64 },
+    #[error("the touch meets {body} {off_deg:.0}° away from the contact direction of the step (`normal`)")]
+    WrongContactSide { body: String, off_deg: f64 },
     #[error("the position of {0} is unknown")]
     UnknownAxisPosition(Axis),
     #[error("another motion comes between the touch and its back-off")]
@@ -113,8 +113,8 @@ pub enum RefusalReason {
     MotionCountIsNotOne(usize),
     #[error("the motion moves {0}, which is not the requested axis")]
     MovesUnrequestedAxis(Axis),
-    #[error("the move is {by} mm or degrees long, more than the limit of {most}")]
-    MoveTooLong { by: f64, most: f64 },
+    #[error("the move is {length} mm or degrees long, more than the limit of {limit}")]
+    MoveTooLong { length: f64, limit: f64 },
     #[error("the jog is neither a guarded move of a linear axis nor a feed move of a rotary axis")]
     UnguardedJog,
     #[error("the retract is not a feed move (G1) of one linear axis")]

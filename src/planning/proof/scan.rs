@@ -155,7 +155,7 @@ impl ProgramCheck<'_> {
             (Sampling::Dwell { dwell_s, .. }, StepPhase::Scanning { dwelled_s, .. })
                 if dwelled_s < dwell_s - DWELL_TOLERANCE_S =>
             {
-                Err(RefusalReason::StepEndsWithout("the dwell at a point of the scan"))
+                Err(RefusalReason::StepIncomplete("the dwell at a point of the scan"))
             }
             _ => Ok(()),
         }
@@ -166,7 +166,7 @@ impl ProgramCheck<'_> {
         self.check_dwell_complete(scan)?;
         match self.step_phase {
             StepPhase::Scanning { reached_count, .. } if reached_count == scan.path.len() => Ok(()),
-            _ => Err(RefusalReason::StepEndsWithout("reaching all points of the scan")),
+            _ => Err(RefusalReason::StepIncomplete("reaching all points of the scan")),
         }
     }
 }

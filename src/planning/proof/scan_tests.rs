@@ -42,7 +42,7 @@ fn whole_scan_is_proven_with_hand_computed_nearest_pair() {
     let nearest = proof.nearest.unwrap();
     assert_eq!(nearest.between, ["laser", "ball 1"]);
     assert!((nearest.clearance_mm - 50.0).abs() < 0.02, "{nearest:?}");
-    assert_eq!(proof.not_looked_at, ["stem of ball 1", "spindle nose", "table"]);
+    assert_eq!(proof.unchecked_items, ["stem of ball 1", "spindle nose", "table"]);
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn scan_with_a_wrong_point_feed_or_dwell_is_refused() {
     let feed = |reason| matches!(reason, RefusalReason::WrongFeed { .. });
     assert!(feed(dwell_scan_refusal(&plan, "X0 F60", "X0 F61")));
     assert!(feed(dwell_scan_refusal(&plan, "F1500", "F1501")));
-    let unfinished = |reason| matches!(reason, RefusalReason::StepEndsWithout(_));
+    let unfinished = |reason| matches!(reason, RefusalReason::StepIncomplete(_));
     assert!(unfinished(dwell_scan_refusal(&plan, "N0 G4 P0.5\nN0 G53 G1 X5", "N0 G4 P0.4\nN0 G53 G1 X5")));
     assert!(unfinished(dwell_scan_refusal(&plan, "N0 G53 G1 X5 F60\nN0 G4 P0.5\n", "")));
     assert!(unfinished(dwell_scan_refusal(&plan, "X5 F60\nN0 G4 P0.5\n", "X5 F60\n")));
@@ -85,7 +85,7 @@ fn the_sensor_body_keeps_the_margin_on_its_whole_path() {
     // Without a declared body, it is not checked, and the proof reports this.
     let bare = laser_scan_plan(|plan| plan["sensors"][0]["body_radius_mm"] = 0.0.into());
     let proof = prove_lines_from(&bare, DWELL_SCAN_PROGRAM, Some(&position_beside_part())).unwrap();
-    assert!(proof.not_looked_at.contains(&"body of laser".to_owned()), "{proof:?}");
+    assert!(proof.unchecked_items.contains(&"body of laser".to_owned()), "{proof:?}");
 }
 
 /// The same three points without a rest, then back to the middle.
@@ -127,7 +127,7 @@ fn continuous_scan_with_a_dwell_or_another_path_is_refused() {
     let feed = |reason| matches!(reason, RefusalReason::WrongFeed { .. });
     assert!(feed(refusal("X5 F60", "X5 F59")));
     assert!(feed(refusal("X5 F60", "X5 F180")));
-    assert!(matches!(refusal(last, "X5 F60\n"), RefusalReason::StepEndsWithout(_)));
+    assert!(matches!(refusal(last, "X5 F60\n"), RefusalReason::StepIncomplete(_)));
     let off = |reason| matches!(reason, RefusalReason::OffScanPath);
     assert!(off(refusal("N0 G53 G1 X5", "N0 G53 G0 X1\nN0 G53 G1 X5")));
     assert!(off(refusal(last, "X5 F60\nN0 G53 G1 X0 F60\nN0 G53 G1 X5 F60\n")));
@@ -199,7 +199,7 @@ fn moves_and_table_turns_of_a_ball_in_a_nest_are_proven() {
         assert_eq!(nearest.between, ["stylus ball", "n0"]);
         let expected = 1.5 - 0.1 * (2.0_f64 / 3.0).sqrt();
         assert!((nearest.clearance_mm - expected).abs() < 0.03, "{nearest:?}");
-        assert_eq!(proof.not_looked_at, ["spindle nose", "table"]);
+        assert_eq!(proof.unchecked_items, ["spindle nose", "table"]);
     }
 }
 

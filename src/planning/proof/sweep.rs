@@ -18,7 +18,7 @@ use machine::kinematics::{AxisCommands, CarrierMotion};
 pub(super) const REPORTED_CLEARANCE_ACCURACY_MM: f64 = 0.02;
 /// Displacement during a part of the path below which the part is not bisected further, mm: bodies that are not proven
 /// clear then count as colliding.
-const COLLISION_RESOLUTION_MM: f64 = 1e-3;
+const MIN_BISECTED_DISPLACEMENT_MM: f64 = 1e-3;
 
 /// A straight motion in joint space.
 #[derive(Debug, Clone, Copy)]
@@ -113,12 +113,13 @@ pub fn check_min_clearance_on_path(
         let guaranteed_clearance_mm = nearest_gap.distance_lower_bound_mm - demand.max_misplacement_mm;
         let change = change(nearest_gap.direction);
         if guaranteed_clearance_mm <= demand.required_clearance_mm
-            || (stray < COLLISION_RESOLUTION_MM && guaranteed_clearance_mm - change <= demand.required_clearance_mm)
+            || (stray < MIN_BISECTED_DISPLACEMENT_MM
+                && guaranteed_clearance_mm - change <= demand.required_clearance_mm)
         {
             return Err(guaranteed_clearance_mm);
         }
         nearest = nearest.min(guaranteed_clearance_mm);
-        if guaranteed_clearance_mm - change <= required_mm && stray >= COLLISION_RESOLUTION_MM {
+        if guaranteed_clearance_mm - change <= required_mm && stray >= MIN_BISECTED_DISPLACEMENT_MM {
             parts.extend([(at + share / 2.0, share / 2.0), (at - share / 2.0, share / 2.0)]);
         }
     }

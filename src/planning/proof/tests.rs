@@ -67,7 +67,7 @@ fn refusal_reason(plan: &Plan, lines: &str) -> Option<RefusalReason> {
     let refusal = prove_lines_from(plan, lines, Some(&position_beside_part())).unwrap_err();
     assert!(!refusal.remedy().is_empty());
     match refusal.reason {
-        RefusalReason::StepEndsWithout(_) => None,
+        RefusalReason::StepIncomplete(_) => None,
         reason => Some(reason),
     }
 }
@@ -103,7 +103,7 @@ fn whole_touch_is_proven_with_hand_computed_nearest_pair() {
     assert_eq!(nearest.between, ["stylus stem", "artefact"]);
     assert!((nearest.clearance_mm - 1.89).abs() < 0.03, "{nearest:?}");
     assert_eq!(nearest.line, 6, "the line of the touch");
-    assert_eq!(proof.not_looked_at, ["spindle nose", "table"]);
+    assert_eq!(proof.unchecked_items, ["spindle nose", "table"]);
     // A probe body 20 mm in radius, 40 mm above the ball, is beside the part, 3 − 20 mm into it.
     let short = cylinder_touch_plan(|plan| {
         plan["probe"]["stem_length_mm"] = 40.0.into();
@@ -211,7 +211,7 @@ fn moves_from_an_unknown_position_are_listed_as_unchecked() {
     let text = TOUCH_PROGRAM.replacen("N0 G53 G0 X50\n", blind, 1);
     let proof = prove_lines_from(&cylinder_touch_plan(|_| {}), &text, None).unwrap();
     let told = "the path of lines 4 to 6, before the positions of all axes are known";
-    assert_eq!(proof.not_looked_at.last().map(String::as_str), Some(told));
+    assert_eq!(proof.unchecked_items.last().map(String::as_str), Some(told));
     // The same start, but known: inside the zone of the part. Nothing is skipped.
     let inside = position_beside_part().with(Axis::X, 48.0).with(Axis::Z, 150.0);
     let refusal = prove_lines_from(&cylinder_touch_plan(|_| {}), &text, Some(&inside)).unwrap_err();
@@ -285,7 +285,7 @@ fn bodies_of_one_side_that_turn_relative_to_each_other_are_checked() {
     let told = |top: f64| {
         let lines = format!("N0 G53 G0 C90\nN0 G53 G0 C0\n{TOUCH_PROGRAM}");
         let proof = prove_lines_from(&on_cradle(top), &lines, Some(&position_beside_part())).unwrap();
-        proof.not_looked_at.into_iter().filter(|what| what.contains("against")).collect::<Vec<_>>()
+        proof.unchecked_items.into_iter().filter(|what| what.contains("against")).collect::<Vec<_>>()
     };
     let close = "table against cradle: nearer than 2 mm with all axes at zero";
     assert_eq!(told(-41.9), [close]);
@@ -349,7 +349,7 @@ fn prompt_is_one_m0_and_makes_the_position_unknown() {
     // After the stop, the position is unknown: the program must move all axes, with the careful rules.
     let up = "N0 G38.3 Z450 F1500\nN0 G53 G1 B0 F300\nN0 G53 G1 C0 F300\nN0 G38.3 X50 Y0 F1500\n";
     let proof = proven(&format!("N1 M0\n{up}{slow}")).unwrap();
-    assert!(proof.not_looked_at.iter().any(|what| what.contains("all axes")), "{proof:?}");
+    assert!(proof.unchecked_items.iter().any(|what| what.contains("all axes")), "{proof:?}");
     let reason = |lines: &str| proven(lines).unwrap_err().reason;
     assert!(matches!(reason(&format!("{up}{slow}")), RefusalReason::WrongStepOrder { expected: Some(1), .. }));
     assert_eq!(reason(&format!("N1 M0\n{TOUCH_PROGRAM}")), RefusalReason::RapidBeforePositionVerified);

@@ -159,7 +159,7 @@ impl StylusBallLine {
         if off <= MAX_CONTACT_ANGLE_ERROR_DEG {
             return Ok(());
         }
-        Err(RefusalReason::WrongContactSide { body: body.name.clone(), off })
+        Err(RefusalReason::WrongContactSide { body: body.name.clone(), off_deg: off })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Rules for an approach before touches have verified the position. No rapid is allowed. Only Z moves, unless Z is at
-//! its upper end, or X and Y move along an octagon above the step before the first touch. Until that touch, a move faster
-//! than a search keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`] from everything. An axis turns so slowly that a hold stops the
-//! carried parts within the overtravel.
+//! its upper end, or X and Y move along an octagon above the step before the first touch. Until that touch, a move
+//! faster than a search keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`] from everything. An axis turns so slowly that a
+//! hold stops the carried parts within the overtravel.
 
 use super::collision_scene::ClearanceRule;
 use super::motion_rules;

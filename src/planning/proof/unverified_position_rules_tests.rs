@@ -6,7 +6,7 @@ use super::*;
 use machine::Axis;
 
 /// Path from Z 300 beside the part, 50 mm from the start of the touch.
-const UNCONFIRMED_TOUCH_PROGRAM: &str = "N0 G38.3 Z450 F1500\nN0 G38.3 X50 F1500\nN0 G38.3 Z250 F1500\nN0 G38.3 Z170 F300\n\
+const UNVERIFIED_POSITION_TOUCH_PROGRAM: &str = "N0 G38.3 Z450 F1500\nN0 G38.3 X50 F1500\nN0 G38.3 Z250 F1500\nN0 G38.3 Z170 F300\n\
                        N0 G38.3 X47 F30\nN0 G53 G1 X50 F300\nN0 G38.3 Z250 F300\n";
 
 #[track_caller]
@@ -27,25 +27,25 @@ fn unverified_position_allows_only_slow_z_below_its_upper_end() {
     assert!(
         prove_lines_with_touched_directions(
             &plan,
-            UNCONFIRMED_TOUCH_PROGRAM,
+            UNVERIFIED_POSITION_TOUCH_PROGRAM,
             Some(&position_beside_part()),
             TouchedDirections::default()
         )
         .is_ok()
     );
-    let low = UNCONFIRMED_TOUCH_PROGRAM.replace("Z450", "Z440");
+    let low = UNVERIFIED_POSITION_TOUCH_PROGRAM.replace("Z450", "Z440");
     assert!(matches!(refusal_reason(&low), RefusalReason::SidewaysMoveBelowTopZ(_)), "{}", refusal_reason(&low));
     assert!(matches!(
-        refusal_reason(UNCONFIRMED_TOUCH_PROGRAM.split_once('\n').unwrap().1),
+        refusal_reason(UNVERIFIED_POSITION_TOUCH_PROGRAM.split_once('\n').unwrap().1),
         RefusalReason::SidewaysMoveBelowTopZ(_)
     ));
     for rapid in ["N0 G38.3 Z450 F1500", "N0 G38.3 X50 F1500", "N0 G38.3 Z250 F1500"] {
         let words = rapid.split_whitespace().find(|word| word.starts_with(['X', 'Z'])).unwrap();
-        let lines = UNCONFIRMED_TOUCH_PROGRAM.replacen(rapid, &format!("N0 G53 G0 {words}"), 1);
+        let lines = UNVERIFIED_POSITION_TOUCH_PROGRAM.replacen(rapid, &format!("N0 G53 G0 {words}"), 1);
         assert_eq!(refusal_reason(&lines), RefusalReason::RapidBeforePositionVerified);
     }
     // 1.5 mm beside the part, a guarded move must not be faster than a search.
-    let fast = UNCONFIRMED_TOUCH_PROGRAM.replacen("Z170 F300", "Z170 F1500", 1);
+    let fast = UNVERIFIED_POSITION_TOUCH_PROGRAM.replacen("Z170 F300", "Z170 F1500", 1);
     assert!(
         matches!(refusal_reason(&fast), RefusalReason::ClearanceTooSmall { min_clearance_mm, .. } if min_clearance_mm >= MIN_UNGUARDED_CLEARANCE_MM)
     );
@@ -58,7 +58,7 @@ fn unverified_position_allows_slow_single_turns_at_the_upper_end_of_z() {
     let turning = cylinder_touch_plan(|plan| plan["machine"]["axes"]["C"]["acceleration_per_s2"] = 360.0.into());
     let to_zero = |turn: &str| {
         let from = position_beside_part().with(Axis::C, std::f64::consts::PI);
-        let lines = UNCONFIRMED_TOUCH_PROGRAM.replacen("F1500\n", &format!("F1500\n{turn}\n"), 1);
+        let lines = UNVERIFIED_POSITION_TOUCH_PROGRAM.replacen("F1500\n", &format!("F1500\n{turn}\n"), 1);
         prove_lines_with_touched_directions(&turning, &lines, Some(&from), TouchedDirections::default())
     };
     let most = 283.0_f64 * ((0.09_f64 + 8.0 / 283.0).sqrt() - 0.3) / 45.0 * 57.3 * 60.0;
@@ -70,7 +70,7 @@ fn unverified_position_allows_slow_single_turns_at_the_upper_end_of_z() {
     assert_eq!(refused("N0 G53 G0 C0"), RefusalReason::RapidBeforePositionVerified);
     assert_eq!(refused("N0 G38.3 C0 F100"), RefusalReason::TurnBeforePositionVerified);
     assert_eq!(refused("N0 G53 G1 B0 C0 F100"), RefusalReason::UnexpectedFeedMove);
-    let low = "N0 G53 G1 C0 F100\n".to_owned() + UNCONFIRMED_TOUCH_PROGRAM;
+    let low = "N0 G53 G1 C0 F100\n".to_owned() + UNVERIFIED_POSITION_TOUCH_PROGRAM;
     let from = position_beside_part().with(Axis::C, std::f64::consts::PI);
     let refusal =
         prove_lines_with_touched_directions(&turning, &low, Some(&from), TouchedDirections::default()).unwrap_err();
@@ -80,14 +80,14 @@ fn unverified_position_allows_slow_single_turns_at_the_upper_end_of_z() {
 /// LinuxCNC refuses probing moves of less than 0.254 mm.
 #[test]
 fn feed_move_may_replace_a_too_short_probing_move() {
-    let short = UNCONFIRMED_TOUCH_PROGRAM.replacen("X50 F1500", "X50.2 F1500\nN0 G53 G1 X50 F300", 1);
+    let short = UNVERIFIED_POSITION_TOUCH_PROGRAM.replacen("X50 F1500", "X50.2 F1500\nN0 G53 G1 X50 F300", 1);
     let plan = cylinder_touch_plan(|_| {});
     assert!(
         prove_lines_with_touched_directions(&plan, &short, Some(&position_beside_part()), TouchedDirections::default())
             .is_ok()
     );
     // The machine is already at X50, within the last digit of the text.
-    let stays = UNCONFIRMED_TOUCH_PROGRAM.replacen("X50 F1500", "X50 F1500\nN0 G53 G1 X50 F300", 1);
+    let stays = UNVERIFIED_POSITION_TOUCH_PROGRAM.replacen("X50 F1500", "X50 F1500\nN0 G53 G1 X50 F300", 1);
     assert!(
         prove_lines_with_touched_directions(&plan, &stays, Some(&position_beside_part()), TouchedDirections::default())
             .is_ok()

@@ -229,13 +229,13 @@ fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let centre = access.axis_positions_at_ball_centre(&first_ball(&plan), &rotary).unwrap();
     for axis in Axis::LINEAR {
-        assert!((measured.position.get_or_zero(axis) - centre.get_or_zero(axis)).abs() < 1e-9);
+        assert!((measured.axis_positions_at_centre.get_or_zero(axis) - centre.get_or_zero(axis)).abs() < 1e-9);
     }
     assert!((measured.diameter_mm - 20.0).abs() < 1e-9 && measured.form_mm < 1e-9);
     // Four touches on the equator, 45° from X and Y, give 1/2 in X and Y and 1/4 for the radius; the pole adds 1 in
     // Z.
-    let off = measured.cofactor - Matrix3::from_diagonal(&Vector3::new(0.5, 0.5, 1.25));
-    assert!(off.abs().max() < 1e-6, "{}", measured.cofactor);
+    let off = measured.axis_position_cofactor - Matrix3::from_diagonal(&Vector3::new(0.5, 0.5, 1.25));
+    assert!(off.abs().max() < 1e-6, "{}", measured.axis_position_cofactor);
     measured
         .check_form_and_diameter("3", 20.0, &BallLimits { max_form_mm: 1e-6, max_diameter_deviation_mm: 1e-6 })
         .unwrap();

@@ -7,7 +7,7 @@ use machine::record::estimate::{ArrowFigure, ArrowGroup, FigureArrow, Unit};
 /// Distance from the middle of a view to the farthest position, in picture units.
 const FARTHEST_POSITION_OFFSET: f64 = 140.0;
 /// Length of the longest arrow without a flag, in picture units.
-const MAX_UNFLAGGED_ARROW_LENGTH: f64 = 80.0;
+const LONGEST_UNFLAGGED_ARROW_LENGTH: f64 = 80.0;
 /// Maximum length of an arrow, in picture units: flagged ones may be longer than the others by orders of
 /// magnitude.
 const MAX_ARROW_LENGTH: f64 = 100.0;
@@ -17,14 +17,14 @@ pub(in crate::report) struct ArrowScales {
     /// Centre of all positions, mm.
     centre_mm: [f64; 3],
     /// Picture units per mm between positions.
-    pub(super) units_per_mm: f64,
+    pub(super) picture_units_per_mm: f64,
     /// Picture units per unit of the vectors.
-    pub(super) vector: f64,
+    pub(super) picture_units_per_vector_unit: f64,
     pub(super) unit: Unit,
     /// Length of the scale arrow, in the unit of the vectors.
-    pub(super) scale_arrow: f64,
+    pub(super) scale_arrow_length: f64,
     /// Length of the scale of the positions, mm; `None` if all positions are equal.
-    pub(super) scale_mm: Option<f64>,
+    pub(super) scale_bar_mm: Option<f64>,
 }
 
 impl ArrowScales {
@@ -43,11 +43,11 @@ impl ArrowScales {
         let length = length.unwrap_or(1.0);
         Some(Self {
             centre_mm: middle,
-            units_per_mm: if reach > 0.0 { FARTHEST_POSITION_OFFSET / reach } else { 1.0 },
-            vector: MAX_UNFLAGGED_ARROW_LENGTH / length,
+            picture_units_per_mm: if reach > 0.0 { FARTHEST_POSITION_OFFSET / reach } else { 1.0 },
+            picture_units_per_vector_unit: LONGEST_UNFLAGGED_ARROW_LENGTH / length,
             unit: figure.unit,
-            scale_arrow: round_up_to_1_2_or_5(0.4 * length),
-            scale_mm: (reach > 0.0).then(|| round_up_to_1_2_or_5(0.25 * reach)),
+            scale_arrow_length: round_up_to_1_2_or_5(0.4 * length),
+            scale_bar_mm: (reach > 0.0).then(|| round_up_to_1_2_or_5(0.25 * reach)),
         })
     }
 
@@ -59,13 +59,14 @@ impl ArrowScales {
     /// Position of the tip of `vector` at the start of `arrow` in the picture.
     pub(super) fn tip(&self, view: View, arrow: &FigureArrow, vector: [f64; 3]) -> (i32, i32) {
         let drawn = self.drawn_vector(vector);
-        let offset = |k: usize| self.units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]) + drawn[k];
+        let offset = |k: usize| self.picture_units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]) + drawn[k];
         view.picture_point(view.project([offset(0), offset(1), offset(2)]))
     }
 
     /// The vector in picture units, shortened where it would be too long.
     pub(super) fn drawn_vector(&self, vector: [f64; 3]) -> [f64; 3] {
-        let scale = self.vector * (MAX_ARROW_LENGTH / (self.vector * vector_length(vector))).min(1.0);
+        let scale = self.picture_units_per_vector_unit
+            * (MAX_ARROW_LENGTH / (self.picture_units_per_vector_unit * vector_length(vector))).min(1.0);
         vector.map(|part| scale * part)
     }
 
@@ -76,12 +77,16 @@ impl ArrowScales {
             Unit::Mm => 1.0,
             Unit::Urad | Unit::UmPerM | Unit::Ms => return None,
         };
-        Some(self.vector * per_mm / self.units_per_mm)
+        Some(self.picture_units_per_vector_unit * per_mm / self.picture_units_per_mm)
     }
 
     /// Whether a flagged arrow is drawn shorter than to scale.
     pub(in crate::report) fn has_shortened_arrows(&self, figure: &ArrowFigure) -> bool {
-        figure.groups.iter().flat_map(finite_arrows).any(|a| self.vector * vector_length(a.vector) > MAX_ARROW_LENGTH)
+        figure
+            .groups
+            .iter()
+            .flat_map(finite_arrows)
+            .any(|a| self.picture_units_per_vector_unit * vector_length(a.vector) > MAX_ARROW_LENGTH)
     }
 }
 

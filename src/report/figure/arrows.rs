@@ -28,7 +28,7 @@ impl ArrowScales {
                 }
                 let mut labels = Labels::default();
                 let mut flagged = figure.groups.iter().flat_map(finite_arrows).filter(|arrow| arrow.flagged);
-                flagged.try_for_each(|arrow| self.draw_flag(area, view, arrow, &mut labels))?;
+                flagged.try_for_each(|arrow| self.draw_flagged_arrow(area, view, arrow, &mut labels))?;
             }
             self.draw_scales(area, figure.figure)
         })
@@ -46,7 +46,7 @@ impl ArrowScales {
                 // Names of flagged positions have priority over the others.
                 let (flagged, others): (Vec<_>, Vec<_>) = finite_arrows(group).partition(|arrow| arrow.flagged);
                 let mut labels = Labels::default();
-                flagged.into_iter().try_for_each(|arrow| self.draw_flag(area, view, arrow, &mut labels))?;
+                flagged.into_iter().try_for_each(|arrow| self.draw_flagged_arrow(area, view, arrow, &mut labels))?;
                 others.into_iter().try_for_each(|arrow| self.draw_label(area, view, arrow, &mut labels))?;
             }
             self.draw_scales(area, kind)
@@ -77,7 +77,7 @@ impl ArrowScales {
     }
 
     /// Draws the circle about the start of a flagged vector, and its name.
-    fn draw_flag(&self, area: &Area<'_>, view: View, arrow: &FigureArrow, labels: &mut Labels) -> DrawResult {
+    fn draw_flagged_arrow(&self, area: &Area<'_>, view: View, arrow: &FigureArrow, labels: &mut Labels) -> DrawResult {
         area.draw(&Circle::new(self.start(view, arrow), 13, FIT_COLOUR.stroke_width(4)))?;
         let line = [self.start(view, arrow), self.tip(view, arrow, arrow.vector)];
         area.draw(&PathElement::new(line, FIT_COLOUR.stroke_width(4)))?;
@@ -99,10 +99,15 @@ impl ArrowScales {
             Text::new(text, (left + SCALE_NAME_LEFT, top + row * SCALE_ROW_HEIGHT), style.clone())
         };
         let unit = self.unit.symbol();
-        draw_arrow(area, (left, top), [self.vector * self.scale_arrow, 0.0], INK_COLOUR.stroke_width(4))?;
-        area.draw(&name(format!("{} {unit}", tick_label(self.scale_arrow, self.scale_arrow)), 0))?;
-        if let Some(mm) = self.scale_mm {
-            let (right, y) = (left + (self.units_per_mm * mm).round() as i32, top + SCALE_ROW_HEIGHT);
+        draw_arrow(
+            area,
+            (left, top),
+            [self.picture_units_per_vector_unit * self.scale_arrow_length, 0.0],
+            INK_COLOUR.stroke_width(4),
+        )?;
+        area.draw(&name(format!("{} {unit}", tick_label(self.scale_arrow_length, self.scale_arrow_length)), 0))?;
+        if let Some(mm) = self.scale_bar_mm {
+            let (right, y) = (left + (self.picture_units_per_mm * mm).round() as i32, top + SCALE_ROW_HEIGHT);
             let bar = [(left, y - 12), (left, y), (right, y), (right, y - 12)];
             area.draw(&PathElement::new(bar, INK_COLOUR.stroke_width(2)))?;
             area.draw(&name(format!("{} mm", tick_label(mm, mm)), 1))?;

@@ -16,9 +16,9 @@ const AXES: [char; 7] = ['X', 'Y', 'Z', 'A', 'B', 'C', 'S'];
 const PANEL_SIZE: (i32, i32) = (500, 480);
 const PANELS_PER_ROW: usize = 2;
 /// Position of the nominal axis at the height where the offset is drawn, from the left and top edge of a view.
-const ORIGIN: (i32, i32) = (150, 380);
+const NOMINAL_AXIS_BASE: (i32, i32) = (150, 380);
 /// Distance by which the nominal axis moves to the right if no offset is drawn.
-const ORIGIN_SHIFT_WITHOUT_OFFSET: i32 = 70;
+const NOMINAL_AXIS_SHIFT_WITHOUT_OFFSET: i32 = 70;
 /// Position of the centre of the view along the axis.
 const END_VIEW_CENTRE: (i32, i32) = (180, 220);
 /// Drawn distance between nominal and actual line.
@@ -26,7 +26,7 @@ const DRAWN_OFFSET: f64 = 130.0;
 /// Drawn angle of an error.
 const DRAWN_ANGLE_DEG: f64 = 16.0;
 /// Length of a line above the origin.
-const LINE_LENGTH: f64 = 290.0;
+const AXIS_LINE_LENGTH: f64 = 290.0;
 /// Radius of the arc of an angle.
 const ARC_RADIUS: f64 = 200.0;
 const CORNER_AXIS_LENGTH: f64 = 50.0;
@@ -123,8 +123,8 @@ impl Panel {
             Self::Side { right, up, offset, tilt, tilts_to_the_right } => {
                 draw_coordinate_axes(area, [*right, *up])?;
                 let turn_deg = if *tilts_to_the_right { -DRAWN_ANGLE_DEG } else { DRAWN_ANGLE_DEG };
-                let aside = if offset.is_some() { 0 } else { ORIGIN_SHIFT_WITHOUT_OFFSET };
-                let nominal = (ORIGIN.0 + aside, ORIGIN.1);
+                let aside = if offset.is_some() { 0 } else { NOMINAL_AXIS_SHIFT_WITHOUT_OFFSET };
+                let nominal = (NOMINAL_AXIS_BASE.0 + aside, NOMINAL_AXIS_BASE.1);
                 draw_side_view(area, nominal, offset.as_deref(), tilt.as_deref().map(|symbol| (symbol, turn_deg)))
             }
             Self::End { right, up, angle } => {
@@ -151,10 +151,10 @@ fn draw_side_view(area: &Area<'_>, nominal: (i32, i32), offset: Option<&str>, ti
     let base = (nominal.0 + offset.map_or(0, |_| DRAWN_OFFSET as i32), nominal.1);
     let turn_deg = tilt.map_or(0.0, |(_, turn_deg)| turn_deg);
     let upright = 90.0;
-    draw_dashed(area, [point_at(nominal, upright, -40.0), point_at(nominal, upright, LINE_LENGTH)])?;
-    let actual = [point_at(base, upright + turn_deg, -40.0), point_at(base, upright + turn_deg, LINE_LENGTH)];
+    draw_dashed(area, [point_at(nominal, upright, -40.0), point_at(nominal, upright, AXIS_LINE_LENGTH)])?;
+    let actual = [point_at(base, upright + turn_deg, -40.0), point_at(base, upright + turn_deg, AXIS_LINE_LENGTH)];
     area.draw(&PathElement::new(actual, FIT_COLOUR.stroke_width(5)))?;
-    let top = nominal.1 - LINE_LENGTH as i32 + 10;
+    let top = nominal.1 - AXIS_LINE_LENGTH as i32 + 10;
     let names = if actual[1].0 < nominal.0 { ["actual", "nominal"] } else { ["nominal", "actual"] };
     draw_label(area, names[0], (nominal.0.min(actual[1].0) - 14, top), HPos::Right)?;
     draw_label(area, names[1], (nominal.0.max(actual[1].0) + 14, top), HPos::Left)?;

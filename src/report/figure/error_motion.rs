@@ -103,7 +103,7 @@ mod tests {
     use machine::record::estimate::{EstimatedFunction, FunctionFigureKind};
 
     fn motion(function: &EstimatedFunction) -> Option<(MotionCentre, MotionCircles)> {
-        FunctionFigure::new(function, 0.0).motion
+        FunctionFigure::new(function, 0.0).error_motion_circles
     }
 
     /// A function over whole revolutions in steps of 5°.

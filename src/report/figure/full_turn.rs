@@ -173,7 +173,7 @@ mod tests {
         let fitted = fit_circle(&points).unwrap();
         let [x, y] = fitted.centre;
         let figure = FunctionFigure::new(&function, 2.0);
-        let removed = figure.removed.unwrap();
+        let removed = figure.removed_circle.unwrap();
         assert!((removed.eccentricity - x.hypot(y)).abs() < 0.02, "{removed:?} {fitted:?}");
         assert!(
             (removed.direction_deg - y.atan2(x).to_degrees().rem_euclid(360.0)).abs() < 0.02,
@@ -194,7 +194,7 @@ mod tests {
             let value = |turn: f64| eccentricity * turn.cos() + (2.0 * turn).cos();
             let figure = FunctionFigureKind::Polar;
             let function = EstimatedFunction { figure, ..function_at(symbol, &steps(0, 350, 10), value) };
-            FunctionFigure::new(&function, 2.0).removed.is_some()
+            FunctionFigure::new(&function, 2.0).removed_circle.is_some()
         };
         // The rest has the range 2: above twice this amplitude it would be hidden.
         assert_eq!([3.9, 4.1].map(|amplitude| removed("W_radial", amplitude)), [false, true]);

@@ -4,7 +4,7 @@
 use plotters::prelude::*;
 
 use super::compact_svg::compact_svg;
-use super::legend::{self, DASH_AND_GAP_LENGTH, LegendEntry, LegendSymbol};
+use super::legend::{self, LegendEntry, LegendSymbol, TOLERANCE_DASH_AND_GAP_LENGTH};
 use super::temperature_strip::{self, TemperatureCurves};
 use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
 use super::{
@@ -29,7 +29,7 @@ pub struct IndividualsChart {
     /// Maximum magnitude of the value; `None`: no limit is stated.
     pub tolerance: Option<f64>,
     /// Times at which the value changes in a step (level change).
-    pub step_times_s: Vec<f64>,
+    pub level_change_times_s: Vec<f64>,
     /// Times at which values were written to the control, or restored.
     pub compensation_times_s: Vec<f64>,
     pub temperatures: TemperatureCurves,
@@ -111,17 +111,20 @@ impl IndividualsChart {
     /// Entries of the legend.
     fn legend_entries(&self, unit: Unit, drawn: &[f64]) -> Vec<LegendEntry> {
         let mut legend_entries = Vec::new();
-        legend_entries
-            .extend(self.control_limits_and_first_index.map(|_| (LegendSymbol::Band, "control limits".to_owned())));
+        legend_entries.extend(
+            self.control_limits_and_first_index.map(|_| (LegendSymbol::ControlLimitsBand, "control limits".to_owned())),
+        );
         legend_entries.extend(self.tolerance.map(|limit| {
             let beyond = match drawn.len() {
                 2 => "",
                 1 => " (one line beyond)",
                 _ => " (beyond)",
             };
-            (LegendSymbol::DashedLine, format!("tolerance ±{limit} {}{beyond}", unit.symbol()))
+            (LegendSymbol::ToleranceLine, format!("tolerance ±{limit} {}{beyond}", unit.symbol()))
         }));
-        legend_entries.extend((!self.step_times_s.is_empty()).then(|| (LegendSymbol::StepMark, "step".to_owned())));
+        legend_entries.extend(
+            (!self.level_change_times_s.is_empty()).then(|| (LegendSymbol::LevelChangeMark, "step".to_owned())),
+        );
         let has_compensation = !self.compensation_times_s.is_empty();
         legend_entries.extend(has_compensation.then(|| (LegendSymbol::CompensationMark, "compensation".to_owned())));
         legend_entries
@@ -151,10 +154,10 @@ impl IndividualsChart {
             }
         }
         for y in tolerance {
-            let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], DASH_AND_GAP_LENGTH);
+            let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], TOLERANCE_DASH_AND_GAP_LENGTH);
             chart.draw_series(DashedLineSeries::new(line, dash, gap, INK_COLOUR.stroke_width(4)))?;
         }
-        for t_s in &self.step_times_s {
+        for t_s in &self.level_change_times_s {
             let line = vec![(*t_s, *low), (*t_s, *high)];
             chart.draw_series([PathElement::new(line, INK_COLOUR.stroke_width(3))])?;
         }
@@ -186,7 +189,7 @@ mod tests {
             symbol: "EX0C".to_owned(),
             times_values_and_expanded_u: (0..10).map(value).collect(),
             control_limits_and_first_index: Some(([-1.0, 0.5, 2.0], 4)),
-            step_times_s: vec![-86_400.0 * 6.5],
+            level_change_times_s: vec![-86_400.0 * 6.5],
             ..IndividualsChart::default()
         };
         let svg = chart.draw_shapes(Unit::Um).unwrap();

@@ -18,7 +18,7 @@ const MARKER_RADIUS: i32 = 9;
 /// Opacity of a shaded area.
 pub(super) const SHADE_OPACITY: f64 = 0.6;
 /// Lengths of a dash and of the gap after it in a tolerance line.
-pub(super) const DASH_AND_GAP_LENGTH: (i32, i32) = (40, 24);
+pub(super) const TOLERANCE_DASH_AND_GAP_LENGTH: (i32, i32) = (40, 24);
 
 /// Lengths of a dash and of the gap after it in the mark of a compensation.
 pub(super) const COMPENSATION_DASH_AND_GAP_LENGTH: (i32, i32) = (10, 7);
@@ -30,13 +30,13 @@ pub(super) type LegendEntry = (LegendSymbol, String);
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum LegendSymbol {
     /// Band between two lines.
-    Band,
+    ControlLimitsBand,
     /// Shaded area.
-    ShadedArea,
+    NotIdentifiableArea,
     /// Dashed line.
-    DashedLine,
+    ToleranceLine,
     /// Vertical line at the time of a step.
-    StepMark,
+    LevelChangeMark,
     /// Dashed vertical line at the time of a compensation.
     CompensationMark,
     /// Marker of the thermometer with this number.
@@ -86,23 +86,23 @@ fn entries_with_places(entries: &[LegendEntry], left: u32, picture_width: u32) -
 fn draw_legend_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) -> DrawResult {
     let across = |x: i32, length: i32, y: i32| vec![(x, y), (x + length, y)];
     match piece {
-        LegendSymbol::Band => {
+        LegendSymbol::ControlLimitsBand => {
             area.draw(&Rectangle::new([(x, y - 14), (x + LINE_SAMPLE_LENGTH, y + 14)], GRID_COLOUR.mix(0.4).filled()))?;
             for edge in [y - 14, y + 14] {
                 area.draw(&PathElement::new(across(x, LINE_SAMPLE_LENGTH, edge), FIT_COLOUR.stroke_width(3)))?;
             }
         }
-        LegendSymbol::ShadedArea => {
+        LegendSymbol::NotIdentifiableArea => {
             let corners = [(x, y - 14), (x + LINE_SAMPLE_LENGTH, y + 14)];
             area.draw(&Rectangle::new(corners, GRID_COLOUR.mix(SHADE_OPACITY).filled()))?;
         }
-        LegendSymbol::DashedLine => {
+        LegendSymbol::ToleranceLine => {
             let dash = LINE_SAMPLE_LENGTH * 2 / 5;
             for begin in [x, x + LINE_SAMPLE_LENGTH - dash] {
                 area.draw(&PathElement::new(across(begin, dash, y), INK_COLOUR.stroke_width(4)))?;
             }
         }
-        LegendSymbol::StepMark => {
+        LegendSymbol::LevelChangeMark => {
             let line = vec![(x + LINE_SAMPLE_LENGTH / 2, y - 18), (x + LINE_SAMPLE_LENGTH / 2, y + 18)];
             area.draw(&PathElement::new(line, INK_COLOUR.stroke_width(3)))?;
         }

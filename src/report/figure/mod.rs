@@ -74,9 +74,9 @@ pub(super) struct FunctionFigure<'a> {
     samples: Vec<PlotPoint>,
     pub(super) kind: FunctionFigureKind,
     /// Circle that is subtracted from a polar figure.
-    pub(super) removed: Option<RemovedCircle>,
+    pub(super) removed_circle: Option<RemovedCircle>,
     /// Centre and circles of a polar figure of an error motion.
-    pub(super) motion: Option<(MotionCentre, MotionCircles)>,
+    pub(super) error_motion_circles: Option<(MotionCentre, MotionCircles)>,
 }
 
 impl<'a> FunctionFigure<'a> {
@@ -89,13 +89,13 @@ impl<'a> FunctionFigure<'a> {
         if let Some(circle) = removed {
             samples.iter_mut().for_each(|sample| sample.y -= circle.value_at(sample.x));
         }
-        let motion = is_polar.then(|| motion_circles(function, &samples)).flatten();
-        Self { function, samples, kind, removed, motion }
+        let motion = is_polar.then(|| error_motion_circles(function, &samples)).flatten();
+        Self { function, samples, kind, removed_circle: removed, error_motion_circles: motion }
     }
 
     /// Value of one division of the scale of a polar figure, in the unit of the function.
     pub(super) fn polar_division(&self) -> Option<f64> {
-        (self.kind == FunctionFigureKind::Polar).then(|| polar::division(self)).flatten()
+        (self.kind == FunctionFigureKind::Polar).then(|| polar::division_value(self)).flatten()
     }
 
     /// The picture; `None` without a finite value.
@@ -116,7 +116,7 @@ pub(super) fn draw_function(function: &EstimatedFunction, k: f64) -> Option<Stri
     FunctionFigure::new(function, k).draw()
 }
 
-fn motion_circles(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<(MotionCentre, MotionCircles)> {
+fn error_motion_circles(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<(MotionCentre, MotionCircles)> {
     let centre = MotionCentre::from_symbol(&function.symbol)?;
     Some((centre, MotionCircles::new(samples, centre)?))
 }

@@ -10,7 +10,7 @@ use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, INK_COLOUR, LINE_COLOUR, te
 use machine::record::estimate::{ArrowGroup, FigureArrow};
 
 /// Length and gap of the dashes of the model's path.
-const DASH_AND_GAP_LENGTH: (u32, u32) = (12, 8);
+const MODEL_DASH_AND_GAP_LENGTH: (u32, u32) = (12, 8);
 const LEGEND_NAMES: [&str; 3] = ["commanded", "measured", "model"];
 
 /// Positions in the picture; `None` for a vector that is not finite or not stated.
@@ -33,7 +33,7 @@ impl ArrowScales {
         area.draw(&PathElement::new(path(|point| point.measured), LINE_COLOUR.stroke_width(4)))?;
         let modelled = path(|point| point.modelled);
         if modelled.len() > 1 {
-            let (dash, gap) = DASH_AND_GAP_LENGTH;
+            let (dash, gap) = MODEL_DASH_AND_GAP_LENGTH;
             area.draw(&DashedPathElement::new(modelled, dash, gap, FIT_COLOUR.stroke_width(3)))?;
         }
         Ok(())

@@ -27,7 +27,7 @@ const MAX_CHORD_DEG: f64 = 3.0;
 /// Half the length of the mark of a centre.
 const CENTRE_MARK_HALF_LENGTH: i32 = 18;
 /// Lengths of a dash and of the gap after it in the mean circle.
-const DASH_AND_GAP_LENGTH: (u32, u32) = (18, 12);
+const MEAN_CIRCLE_DASH_AND_GAP_LENGTH: (u32, u32) = (18, 12);
 
 /// Scale from values to radii in the picture.
 struct RadiusScale {
@@ -40,7 +40,7 @@ impl RadiusScale {
     /// Scale of a figure; `None` without a sample.
     fn for_figure(figure: &FunctionFigure<'_>) -> Option<Self> {
         let ends = figure.samples.iter().flat_map(|s| [s.y - s.uncertainty_half_width, s.y + s.uncertainty_half_width]);
-        let of_circles = figure.motion.into_iter().flat_map(|(_, circles)| {
+        let of_circles = figure.error_motion_circles.into_iter().flat_map(|(_, circles)| {
             let [x, y] = circles.centre;
             [circles.inner - x.hypot(y), circles.outer + x.hypot(y)]
         });
@@ -83,7 +83,7 @@ fn polar_to_picture_point(degrees: f64, radius: f64) -> (i32, i32) {
 }
 
 /// Difference in value between two neighbouring rings: the magnification of the chart.
-pub(super) fn division(figure: &FunctionFigure<'_>) -> Option<f64> {
+pub(super) fn division_value(figure: &FunctionFigure<'_>) -> Option<f64> {
     Some(RadiusScale::for_figure(figure)?.ring_step)
 }
 
@@ -93,7 +93,7 @@ pub(super) fn draw_polar(figure: &FunctionFigure<'_>) -> Option<String> {
     let outline = |offset: f64| {
         outline_along_arcs(&closed, |s| scale.picture_point(s.x, s.y + offset * s.uncertainty_half_width))
     };
-    let circles = figure.motion.map(|(_, circles)| circles);
+    let circles = figure.error_motion_circles.map(|(_, circles)| circles);
     draw_picture((PICTURE_SIDE, PICTURE_SIDE), |area| {
         draw_rings(area, &scale)?;
         if closed.iter().any(|sample| sample.uncertainty_half_width > 0.0) {
@@ -123,7 +123,7 @@ fn draw_motion_circles(area: &Area<'_>, scale: &RadiusScale, circles: &MotionCir
     for value in [circles.inner, circles.outer] {
         area.draw(&PathElement::new(circle(value), FIT_COLOUR.stroke_width(2)))?;
     }
-    let (dash, gap) = DASH_AND_GAP_LENGTH;
+    let (dash, gap) = MEAN_CIRCLE_DASH_AND_GAP_LENGTH;
     area.draw(&DashedPathElement::new(circle(circles.mean), dash, gap, FIT_COLOUR.stroke_width(3)))?;
     let half = CENTRE_MARK_HALF_LENGTH;
     let at = |x: i32, y: i32| (CENTRE_COORDINATE + x, CENTRE_COORDINATE - y);

@@ -33,7 +33,7 @@ pub(super) fn draw_spectrum(function: &EstimatedFunction, samples: &[PlotPoint])
             legend::draw_legend(
                 &above,
                 MIN_Y_LABEL_WIDTH,
-                &[(LegendSymbol::ShadedArea, "not identifiable".to_owned())],
+                &[(LegendSymbol::NotIdentifiableArea, "not identifiable".to_owned())],
             )?;
         }
         let y_axis = TickedAxis::with_round_ticks(0.0..top);

@@ -23,7 +23,7 @@ enum TickStep {
 /// Maximum number of letters of all labels together; the space after a label counts as one letter.
 const MAX_LABEL_LETTERS: usize = 42;
 
-const STEPS: [TickStep; 22] = [
+const TICK_STEPS: [TickStep; 22] = [
     TickStep::Seconds(1),
     TickStep::Seconds(5),
     TickStep::Seconds(15),
@@ -74,10 +74,10 @@ impl TickStep {
 pub(super) fn time_ticks(first_s: f64, last_s: f64, zone: &TimeZone) -> Vec<TimeTick> {
     let with_step = |step| ticks_at_step(first_s, last_s, step, zone);
     let letters = |ticks: &[TimeTick]| ticks.iter().map(|tick| tick.label.chars().count() + 1).sum::<usize>();
-    let mut finest_first = STEPS.into_iter().map(with_step);
+    let mut finest_first = TICK_STEPS.into_iter().map(with_step);
     match finest_first.find(|ticks| letters(ticks) <= MAX_LABEL_LETTERS) {
         Some(ticks) if !ticks.is_empty() => ticks,
-        _ => first_tick(first_s, TickStep::Seconds(1), zone)
+        _ => round_time_at_or_before(first_s, TickStep::Seconds(1), zone)
             .map(|at| TimeTick { t_s: first_s, label: at.strftime("%-d %b %Y %H:%M:%S").to_string() })
             .into_iter()
             .collect(),
@@ -87,10 +87,10 @@ pub(super) fn time_ticks(first_s: f64, last_s: f64, zone: &TimeZone) -> Vec<Time
 /// Ticks at every `step`, at most [`MAX_LABEL_LETTERS`] + 1.
 fn ticks_at_step(first_s: f64, last_s: f64, step: TickStep, zone: &TimeZone) -> Vec<TimeTick> {
     let mut ticks = Vec::new();
-    let mut next = first_tick(first_s, step, zone);
-    while let Some(at) = next.filter(|at| seconds(at) <= last_s && ticks.len() <= MAX_LABEL_LETTERS) {
-        if seconds(&at) >= first_s {
-            ticks.push(TimeTick { t_s: seconds(&at), label: at.strftime(step.label_format()).to_string() });
+    let mut next = round_time_at_or_before(first_s, step, zone);
+    while let Some(at) = next.filter(|at| unix_seconds(at) <= last_s && ticks.len() <= MAX_LABEL_LETTERS) {
+        if unix_seconds(&at) >= first_s {
+            ticks.push(TimeTick { t_s: unix_seconds(&at), label: at.strftime(step.label_format()).to_string() });
         }
         next = step.next(&at);
     }
@@ -98,7 +98,7 @@ fn ticks_at_step(first_s: f64, last_s: f64, step: TickStep, zone: &TimeZone) -> 
 }
 
 /// A round time at or before `first_s`.
-fn first_tick(first_s: f64, step: TickStep, zone: &TimeZone) -> Option<Zoned> {
+fn round_time_at_or_before(first_s: f64, step: TickStep, zone: &TimeZone) -> Option<Zoned> {
     let at = Timestamp::from_second(first_s.floor() as i64).ok()?.to_zoned(zone.clone());
     let midnight = at.start_of_day().ok()?;
     match step {
@@ -124,7 +124,7 @@ pub(super) fn zone_name(zone: &TimeZone, t_s: f64) -> String {
     zone.iana_name().map_or_else(abbreviation, str::to_owned)
 }
 
-fn seconds(at: &Zoned) -> f64 {
+fn unix_seconds(at: &Zoned) -> f64 {
     at.timestamp().as_duration().as_secs_f64()
 }
 

@@ -40,8 +40,8 @@ pub enum ReadingsProblem {
     NotFinite { name: String, text: String },
     #[error(transparent)]
     UnknownFlag(#[from] UnknownReadingFlag),
-    #[error("step {step} repeat {repeat} occurs already in line {first}; number repeated touches in `repeat`")]
-    DuplicateTouch { step: u32, repeat: u32, first: u64 },
+    #[error("step {step} repeat {repeat} occurs already in line {first_line}; number repeated touches in `repeat`")]
+    DuplicateTouch { step: u32, repeat: u32, first_line: u64 },
     #[error("{0}")]
     InvalidCsv(String),
 }

@@ -32,7 +32,7 @@ pub fn read_readings(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
             && is_touch
             && let Some(first) = touches.insert((step, repeat), line)
         {
-            return Err(error_at(line, ReadingsProblem::DuplicateTouch { step, repeat, first }));
+            return Err(error_at(line, ReadingsProblem::DuplicateTouch { step, repeat, first_line: first }));
         }
         readings.push(reading);
     }

@@ -122,7 +122,7 @@ fn bad_line_is_reported_with_its_number() {
         ("1,0,1.2.3,2,3,\n", not_a_number_x_problem("1.2.3")),
         ("-1,0,1,2,3,\n", ReadingsProblem::NotACount { name: "step".to_owned(), text: "-1".to_owned() }),
         ("1,0,1,2,3,range!\n", "range!".parse::<ReadingFlag>().unwrap_err().into()),
-        ("0,0,1,2,3,\n", ReadingsProblem::DuplicateTouch { step: 0, repeat: 0, first: 4 }),
+        ("0,0,1,2,3,\n", ReadingsProblem::DuplicateTouch { step: 0, repeat: 0, first_line: 4 }),
     ] {
         assert_eq!(line_and_problem_of_rows(&format!("{header}{row}")), (6, expected), "{row}");
     }

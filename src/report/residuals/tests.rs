@@ -21,7 +21,7 @@ fn estimate_with_residuals(residuals_um: &[f64]) -> Estimate {
         label: format!("touch/{id}"),
         t_s: Some(100.0 + 60.0 * (4 - id) as f64),
         residual_um: Some(*residual_um),
-        deviation_um: None,
+        min_detectable_deviation_um: None,
     };
     Estimate { measurement_checks: residuals_um.iter().enumerate().map(check).collect(), ..example_estimate() }
 }
@@ -31,7 +31,8 @@ fn residuals_are_in_the_order_of_the_readings() {
     let readings = readings(0.5);
     let mut estimate = estimate_with_residuals(&[4.0, -3.0, 2.0, -1.0, 0.5]);
     let candidate = |label: &str| OutlierCandidate { label: label.to_owned(), deviation_um: 4.0 };
-    let outlier = |label: &str| Outlier { candidates: vec![candidate(label)], t: 9.0, resolution: None };
+    let outlier =
+        |label: &str| Outlier { candidates: vec![candidate(label)], studentised_residual: 9.0, resolution: None };
     let replaced = Outlier { resolution: Some(Outlier::REPLACED.to_owned()), ..outlier("touch/1") };
     estimate.outliers = vec![outlier("touch/0"), replaced];
     let figures = residual_figures(&readings, &estimate);

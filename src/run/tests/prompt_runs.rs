@@ -53,8 +53,8 @@ impl Method for PromptingMethod {
 /// Prompts (step, repeat) and answers in their order.
 fn prompt_events_with_steps_and_repeats(stored: &StoredRun) -> Vec<(&'static str, u32, u32)> {
     let told = |event: &RunEvent| match event {
-        RunEvent::Asked { step, repeat, .. } => Some(("asked", *step, *repeat)),
-        RunEvent::Answered { step, repeat, .. } => Some(("answered", *step, *repeat)),
+        RunEvent::PromptStarted { step, repeat, .. } => Some(("asked", *step, *repeat)),
+        RunEvent::PromptConfirmed { step, repeat, .. } => Some(("answered", *step, *repeat)),
         _ => None,
     };
     stored.events.iter().filter_map(|(_, event)| told(event)).collect()
@@ -83,7 +83,7 @@ async fn nothing_is_sent_before_the_answer_and_then_the_state_is_read_again() {
         })
     };
     let told = |event: &RunEvent, _: &HaltHandle| match event {
-        RunEvent::Asked { .. } | RunEvent::Answered { .. } => note(),
+        RunEvent::PromptStarted { .. } | RunEvent::PromptConfirmed { .. } => note(),
         _ => {}
     };
     let (ended, stored) = shop.run_method(method.as_ref(), answers, told).await;

@@ -17,7 +17,8 @@ pub struct MachineStatus {
     pub name: String,
     pub state: &'static str,
     /// Whether the machine's worker has missed its heartbeat: the values of the run may be out of date.
-    pub late: bool,
+    #[serde(rename = "late")]
+    pub is_worker_late: bool,
     /// Result of the newest finished run in the journal, whichever process measured it; null before the first.
     pub result: Option<NewestResult>,
     /// Newest completely measured run, if it has no estimate: `result` is outdated. Null otherwise.
@@ -33,14 +34,17 @@ pub struct MachineStatus {
     pub step: String,
     /// Remaining machine time, s: the planned time before the first step, then as the run reports it; null if unknown.
     pub remaining_s: Option<f64>,
-    pub measured: u32,
+    #[serde(rename = "measured")]
+    pub measured_step_count: u32,
     pub refusal: Option<String>,
     /// Why the last cycle was not completed.
     pub failure: Option<RunFailure>,
     /// While the machine is held: whether another process holds its lock and may move it.
-    pub elsewhere: bool,
+    #[serde(rename = "elsewhere")]
+    pub is_locked_by_other_process: bool,
     /// Open prompt: the run waits until a person has done the requested action and answers.
-    pub asked: Option<PromptStatus>,
+    #[serde(rename = "asked")]
+    pub open_prompt: Option<PromptStatus>,
     #[schema(value_type = Vec<ParameterSchema>)]
     pub parameters: Vec<Parameter>,
     pub cycles: Vec<StartableCycle>,
@@ -77,7 +81,7 @@ impl MachineStatus {
         Self {
             name: machine.name.clone(),
             state: now.state.label(),
-            late: machine.gate.is_progress_late(),
+            is_worker_late: machine.gate.is_progress_late(),
             result: NewestResult::from_newest_runs(&now.newest_runs, machine.verdict_validity, Timestamp::now()),
             not_identified: now.newest_runs.newer_run_without_estimate.map(|run| run.0),
             verdict: now.verdict,
@@ -87,11 +91,11 @@ impl MachineStatus {
             stage: now.stage_name,
             step: now.step_label,
             remaining_s: now.remaining_s,
-            measured: now.measured_step_count,
+            measured_step_count: now.measured_step_count,
             refusal: now.last_refusal.map(|why| why.to_string()),
             failure: now.failure,
-            elsewhere: now.is_locked_by_other_process,
-            asked: now.open_prompt.filter(|_| now.state == ServiceState::Running).map(prompt),
+            is_locked_by_other_process: now.is_locked_by_other_process,
+            open_prompt: now.open_prompt.filter(|_| now.state == ServiceState::Running).map(prompt),
             parameters: now.estimated_parameters,
             cycles: cycles.collect(),
         }

@@ -98,7 +98,7 @@ pub async fn refresh_newest_runs(app: AppState, machine: ServedMachine) {
 /// the number of runs that were identified while the machine waited.
 fn result_change_key(gate: &CommandGate) -> (ServiceState, Option<u32>, u16) {
     let machine_state = gate.machine_state();
-    (machine_state.state, machine_state.verdict.map(|_| machine_state.run), machine_state.identified_run_count)
+    (machine_state.state, machine_state.verdict.map(|_| machine_state.run), machine_state.idle_identification_count)
 }
 
 #[cfg(test)]

@@ -60,7 +60,7 @@ impl Scheduler {
         let known = config.schedules.iter().map(|e| (e.name.clone(), format!("{} {}", e.cron_pattern, e.zone)));
         let last_recorded = journal.register_schedules(machine, known.collect(), Timestamp::now()).wait()?;
         for slot in records.recent_slots()?.into_iter().filter(|slot| slot.outcome == SlotOutcome::Started) {
-            records.record_slot_end(slot);
+            records.record_slot_outcome(slot);
         }
         journal.last_arming_of_each_cycle(machine)?.iter().for_each(|arming| records.end_broken_arming(arming));
         let tracks = config.schedules.into_iter().zip(last_recorded);
@@ -90,7 +90,7 @@ impl Scheduler {
 
     /// Checks all schedules once. `now`: system time; `now_s`: monotonic clock, s.
     pub fn check_schedules(&mut self, now: Timestamp, now_s: f64) {
-        self.update_running_slot();
+        self.record_run_or_outcome_of_slot();
         self.read_readiness_and_disarm_if_stopped(now_s);
         if let Some(last) = self.last_clock_check.filter(|last| now < *last) {
             self.slot_recorder.log.info(&format!("schedule: the clock was set back, from {last} to {now}"));
@@ -281,7 +281,7 @@ impl Scheduler {
     }
 
     /// Records the run number of the slot whose run is in progress, and its outcome once the run has ended.
-    fn update_running_slot(&mut self) {
+    fn record_run_or_outcome_of_slot(&mut self) {
         let Some((mut slot, accepted)) = self.running_slot_and_start_count.take() else { return };
         let machine_state = self.gate.machine_state();
         let ours = machine_state.accepted_start_count == accepted;
@@ -295,7 +295,7 @@ impl Scheduler {
             ServiceState::Ending => {}
             _ => {
                 let cycle = slot.cycle;
-                if !self.slot_recorder.record_slot_end(slot) {
+                if !self.slot_recorder.record_slot_outcome(slot) {
                     self.slot_recorder.disarm_cycles(None, &format!("the schedule's cycle {cycle} failed"));
                 }
             }

@@ -65,7 +65,7 @@ impl SlotRecorder {
     }
 
     /// Records how the run of a started slot has ended; returns whether the run has a result.
-    pub fn record_slot_end(&self, slot: ScheduleSlot) -> bool {
+    pub fn record_slot_outcome(&self, slot: ScheduleSlot) -> bool {
         let stored = (slot.run > 0).then(|| self.journal.load_run(RunId(slot.run)));
         let (outcome, why) = match stored {
             None => (SlotOutcome::Failed, "the cycle ended before its run began".to_owned()),
@@ -84,7 +84,7 @@ impl SlotRecorder {
 
     /// Ends the arming permanently if a run has broken it.
     pub fn end_broken_arming(&self, arming: &Arming) {
-        if let (None, Some(run)) = (&arming.ended, arming.broken) {
+        if let (None, Some(run)) = (&arming.ended, arming.broken_by_run) {
             self.disarm_cycles(Some(arming.cycle), &format!("run {run} was not completed"));
         }
     }

@@ -68,7 +68,8 @@ pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &CurrentCo
 /// # Errors
 /// Why the arming is not valid.
 pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), NotStartedReason> {
-    let Arming { who, ended, broken, until, armed, .. } = arming.ok_or(NotStartedReason::CycleNotArmed)?;
+    let Arming { who, ended, broken_by_run: broken, until, armed, .. } =
+        arming.ok_or(NotStartedReason::CycleNotArmed)?;
     let who = who.clone();
     if let Some((when, why)) = ended {
         return Err(NotStartedReason::ArmingEnded { who, when: *when, why: why.clone() });
@@ -92,7 +93,7 @@ fn unmet_condition(
     let Some(readiness) = conditions.readiness else {
         return Some(match conditions.gate_refusal {
             None | Some(Refusal::Stale) => {
-                NotStartedReason::InputsNotReported { inputs: required_input_names(requirements) }
+                NotStartedReason::NoCurrentInputReport { inputs: required_input_names(requirements) }
             }
             Some(why) => NotStartedReason::GateWouldRefuse(why),
         });
@@ -167,7 +168,7 @@ mod tests {
             armed: parse_timestamp("2026-11-20T16:00:00Z"),
             until: parse_timestamp("2026-11-27T16:00:00Z"),
             ended: None,
-            broken: None,
+            broken_by_run: None,
         }
     }
 
@@ -309,7 +310,7 @@ mod tests {
         type ArmingChange = fn(&mut Arming);
         let cases: [(ArmingChange, &str); 4] = [
             (|arming| arming.until = parse_timestamp("2026-11-23T04:30:00Z"), "expired at"),
-            (|arming| arming.broken = Some(RunId(7)), "run 7"),
+            (|arming| arming.broken_by_run = Some(RunId(7)), "run 7"),
             (|arming| arming.ended = Some((arming.armed, "it is Sunday".to_owned())), "Sunday"),
             (|arming| arming.armed = parse_timestamp("2026-11-23T05:30:01Z"), "set back"),
         ];

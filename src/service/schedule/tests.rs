@@ -96,7 +96,7 @@ impl SchedulerFixture {
             armed,
             until: armed + jiff::SignedDuration::from_hours(168),
             ended: None,
-            broken: None,
+            broken_by_run: None,
         };
         self.journal.arm_cycle(&arming).wait().unwrap();
     }

@@ -59,7 +59,7 @@ async fn serve_open_port(
     let mut is_starting = false;
     loop {
         if let Some(received) = link.recv_deadline(Instant::now() + RUN_NUMBER_POLL_PERIOD).await? {
-            is_starting |= handle_line(&received, &mut link, gate, last_readiness)?;
+            is_starting |= execute_line_and_check_pending_start(&received, &mut link, gate, last_readiness)?;
         }
         let machine_state = gate.machine_state();
         if is_starting && (machine_state.run > 0 || machine_state.state != ServiceState::Running) {
@@ -74,7 +74,7 @@ async fn serve_open_port(
 
 /// Executes a received line and sends its response. Returns whether a run begins: the response is then sent later,
 /// with the number of the run.
-fn handle_line(
+fn execute_line_and_check_pending_start(
     received: &LineEvent,
     link: &mut LineLink,
     gate: &CommandGate,

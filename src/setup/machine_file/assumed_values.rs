@@ -55,7 +55,7 @@ pub fn fill_assumed_values(
         }
     }
     fill(&["probe", "lobing_um"], &mut probe.lobing_um, ASSUMED_LOBING_STD_U_UM)?;
-    fill(&["probe", "stylus_offset_um"], &mut probe.stylus_offset_um, ASSUMED_STYLUS_OFFSET_STD_U_UM)?;
+    fill(&["probe", "stylus_offset_um"], &mut probe.u_stylus_offset_um, ASSUMED_STYLUS_OFFSET_STD_U_UM)?;
     Ok(assumed)
 }
 
@@ -127,7 +127,7 @@ mod tests {
         assert_eq!(file.assumed_keys.len(), 3 * 4 + 2 + 2, "{:?}", file.assumed_keys);
         assert!(file.assumed_keys.contains(&"axes.B.error_motion_um".to_owned()));
         // Stated values are kept, also if they are 0.
-        assert_eq!((file.machine.squareness_urad, file.probe.stylus_offset_um), (0.0, 0.3));
+        assert_eq!((file.machine.squareness_urad, file.probe.u_stylus_offset_um), (0.0, 0.3));
         assert_eq!(c.backlash_um, 0.0);
     }
 

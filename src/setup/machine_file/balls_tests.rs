@@ -14,12 +14,12 @@ fn parse_edited_and_find_line(from: &str, to: &str) -> (Result<MachineFile, Mach
     (MachineFile::parse("shop.toml", SAMBA_MACHINE_FILE.replacen(from, to, 1)), line)
 }
 
-/// Checks that the error names the line that is `below` lines after the replacement.
+/// Checks that the error names the line that is `lines_below` lines after the replacement.
 #[track_caller]
-fn assert_refused(from: &str, to: &str, below: usize, said: &str) {
+fn assert_refused(from: &str, to: &str, lines_below: usize, expected_message: &str) {
     let (file, line) = parse_edited_and_find_line(from, to);
     let message = file.expect_err("accepted").to_string();
-    let expected = format!("shop.toml:{}: {said}", line + below);
+    let expected = format!("shop.toml:{}: {expected_message}", line + lines_below);
     assert!(message.starts_with(&expected), "{message}\nis not\n{expected}");
 }
 
@@ -30,7 +30,7 @@ fn balls(file: &MachineFile) -> &Balls {
 
 #[test]
 fn built_in_samba_file_has_topology_and_balls_of_paper_4() {
-    let file = MachineFile::embedded_for("samba").unwrap();
+    let file = MachineFile::built_in_for_method("samba").unwrap();
     assert_eq!(file.machine.topology, "w-C-B-X-F-Z-Y-S-t");
     let balls = balls(&file);
     // Paper 4, Table 1.
@@ -50,7 +50,7 @@ fn built_in_samba_file_has_topology_and_balls_of_paper_4() {
 
 #[test]
 fn built_in_samba_truth_equals_table_2_of_paper_4() {
-    let file = MachineFile::embedded_for("samba").unwrap();
+    let file = MachineFile::built_in_for_method("samba").unwrap();
     let truth: simulator::MachineTruth = file.read_simulated_section().unwrap().unwrap();
     let table = include_str!("../../../tests/data/paper4-table2.csv");
     let mut count = 0;
@@ -188,7 +188,7 @@ ball, x_mm,y_mm,z_mm,radius_mm,stem_x,stem_y,stem_z,stem_radius_mm,stem_length_m
 
 #[test]
 fn ball_table_file_equals_inline_balls() {
-    let inline = MachineFile::embedded_for("samba").unwrap();
+    let inline = MachineFile::built_in_for_method("samba").unwrap();
     let file = read_with_ball_table(BALL_TABLE_CSV).unwrap();
     assert_eq!(balls(&file), balls(&inline));
     // A stored run keeps its balls after the table is deleted.
@@ -255,7 +255,7 @@ fn common_ball_keys_fill_missing_columns_and_empty_cells() {
     let paper = include_str!("../../../tests/data/paper4-table1.csv");
     let common = "radius_mm = 6.35\nstem_radius_mm = 2.0\nstem_length_mm = 177.0\n";
     let file = read_with_common_keys_and_ball_table(common, paper).unwrap();
-    let inline = MachineFile::embedded_for("samba").unwrap();
+    let inline = MachineFile::built_in_for_method("samba").unwrap();
     for (read, stated) in balls(&file).balls.iter().zip(&balls(&inline).balls) {
         let expected = Ball { stem_length_mm: 177.0, ..stated.clone() };
         assert_eq!(*read, expected);
@@ -307,7 +307,7 @@ fn artefact_origin_and_turn_apply_to_ball_centres_and_stems() {
     let at = "kind = \"balls\"\n";
     let (placed, _) =
         parse_edited_and_find_line(at, "kind = \"balls\"\norigin_mm = [1.0, 2.0, 60.0]\nturned_deg = 90.0\n");
-    let (stated, placed) = (MachineFile::embedded_for("samba").unwrap(), placed.unwrap());
+    let (stated, placed) = (MachineFile::built_in_for_method("samba").unwrap(), placed.unwrap());
     for (stated, placed) in balls(&stated).balls.iter().zip(&balls(&placed).balls) {
         let [x, y, z] = stated.centre_mm;
         let expected = [1.0 - y, 2.0 + x, 60.0 + z];

@@ -101,7 +101,7 @@ pub struct MachineFile {
 
 impl MachineFile {
     /// The built-in machine file for a method.
-    pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
+    pub fn built_in_for_method(method: &str) -> Result<Self, MachineFileError> {
         let BuiltInMachineFile { file_name: file, text } = built_in_machine_file(method);
         Self::parse(&file, text.to_owned())
     }

@@ -25,7 +25,7 @@ pub fn check_probe(document: &TomlDocument, probe: &Probe) -> CheckResult {
     document.require_positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
     document.require_not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
     document.require_harmonic_orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
-    document.require_not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
+    document.require_not_negative(&["probe", "stylus_offset_um"], probe.u_stylus_offset_um)?;
     document.require_not_negative(&["probe", "u_stylus_length_um"], probe.u_stylus_length_um.unwrap_or_default())?;
     document.require_positive(&["probe", "qualified_within_days"], probe.qualified_within_days.unwrap_or(1.0))?;
     document.require_positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
@@ -134,8 +134,8 @@ pub fn check_solids(document: &TomlDocument, solids: &[Solid], machine: &Machine
 }
 
 impl TomlDocument {
-    fn require(&self, holds: bool, key: &[&str], why: &str) -> CheckResult {
-        if holds { Ok(()) } else { Err(self.value_error(key, why)) }
+    fn require(&self, is_valid: bool, key: &[&str], why: &str) -> CheckResult {
+        if is_valid { Ok(()) } else { Err(self.value_error(key, why)) }
     }
 
     fn require_positive(&self, key: &[&str], value: f64) -> CheckResult {

@@ -44,7 +44,7 @@ fn every_file_in_config_is_valid() {
 
 #[test]
 fn the_embedded_machine_reads_as_written() {
-    let file = MachineFile::embedded_for("self-calibration").unwrap();
+    let file = MachineFile::built_in_for_method("self-calibration").unwrap();
     assert_eq!(file.machine.axes[&Axis::B].max, 110.0);
     assert_eq!(file.machine.tool_mm, [0.0, 0.0, -120.0]);
     assert_eq!(file.probe.repeatability_um, Some(0.5));
@@ -57,7 +57,7 @@ fn the_embedded_machine_reads_as_written() {
 
 #[test]
 fn the_hash_is_sha256_of_the_text() {
-    let mut file = MachineFile::embedded_for("self-calibration").unwrap();
+    let mut file = MachineFile::built_in_for_method("self-calibration").unwrap();
     file.document = TomlDocument::parse("x", "a=1".to_owned()).unwrap();
     // coreutils: printf 'a=1' | sha256sum
     assert_eq!(file.sha256(), "c22fea5d7428e5cf47ef6354c97c9223c95d6dcdc3e0d2300ff79056b1ff3d85");
@@ -218,7 +218,7 @@ enum Shape {
 fn method_section_is_read_by_its_own_type_with_located_errors() {
     let with = |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[method.some]\n{keys}\n")).unwrap();
     let read = |file: &MachineFile| file.read_method_section("some", |section| Settings::deserialize(section));
-    let silent = MachineFile::embedded_for("self-calibration").unwrap();
+    let silent = MachineFile::built_in_for_method("self-calibration").unwrap();
     assert_eq!(read(&silent).unwrap(), Settings { angles: 8, shape: Shape::Round });
     let oval = read(&with("angles = 12\nshape = { kind = \"oval\", flat_mm = 1 }")).unwrap();
     assert_eq!(oval, Settings { angles: 12, shape: Shape::Oval { flat_mm: 1.0 } });
@@ -248,7 +248,7 @@ fn simulated_section_is_read_and_may_be_absent() {
     struct Seed {
         seed: u64,
     }
-    let file = MachineFile::embedded_for("self-calibration").unwrap();
+    let file = MachineFile::built_in_for_method("self-calibration").unwrap();
     assert_eq!(file.read_simulated_section::<Seed>().unwrap().unwrap().seed, 1);
     let real = EMBEDDED.split("[simulated]").next().unwrap().to_owned();
     assert!(MachineFile::parse("x", real).unwrap().read_simulated_section::<Seed>().unwrap().is_none());

@@ -265,7 +265,7 @@ impl SimulatedControlConfig {
     ///
     /// # Errors
     /// The wire cannot be opened, or the control does not use a line protocol.
-    pub fn serve_with_faults(
+    pub fn serve_with_faulty_wire(
         &self,
         setup: SimulationSetup<'_>,
         wire: FaultyWire,

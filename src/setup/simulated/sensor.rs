@@ -167,7 +167,7 @@ impl SimulatedSensorConfig {
         let data_sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET_TOML);
         let config: can::CanConfig = parse_driver_config(&data_sheet)?;
         if wire == default_wire() {
-            let frames = simulated_can::frame_source(next_sample, clock.clone());
+            let frames = simulated_can::frame_generator(next_sample, clock.clone());
             let bus = CanReceiver::from_generator("the simulated sensor", frames);
             return Ok(config.spawn_sensor(bus, sensor, clock, None));
         }

@@ -30,7 +30,7 @@ impl JobExecutor {
 
     /// Displayed position of the machine at rest.
     pub fn displayed_position(&self) -> Position {
-        self.with_world(|world| world.position())
+        self.with_world(|world| world.displayed_position())
     }
 
     /// Displayed position at `now`.
@@ -49,8 +49,8 @@ impl JobExecutor {
     }
 
     /// Starts a job; returns whether it brushes the stylus.
-    pub fn start_job(&mut self, job: Job, now: Duration) -> bool {
-        let is_brushed = self.probe_fault == ProbeInputFault::BrushPending && job.is_free_move();
+    pub fn start_job_and_check_brush(&mut self, job: Job, now: Duration) -> bool {
+        let is_brushed = self.probe_fault == ProbeInputFault::BrushPending && job.is_rapid_or_rotary_move();
         if is_brushed {
             self.probe_fault = ProbeInputFault::BrushedForReports(BRUSH_REPORT_COUNT);
         }

@@ -64,7 +64,7 @@ impl ProbeInputFault {
     }
 
     fn run_probing_move(self, world: &mut SimulatedWorld, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
-        let from = world.position();
+        let from = world.displayed_position();
         let at_obstacle = |(axis, end)| (axis, from.get_or_zero(axis) + 0.4 * (end - from.get_or_zero(axis)));
         let end_position: Position = match self {
             Self::NoFault | Self::StuckClosed | Self::BrushPending | ProbeInputFault::BrushedForReports(_) => {
@@ -74,7 +74,7 @@ impl ProbeInputFault {
             ProbeInputFault::ObstacleOnNextProbe => to.iter().map(at_obstacle).collect(),
         };
         let moved = world.travel(&end_position, Speed::Feed { mm_min: feed_mm_min });
-        let contact = LatchedContact { latched_position: world.position(), latch_time_s: world.time_s() };
+        let contact = LatchedContact { latched_position: world.displayed_position(), latch_time_s: world.time_s() };
         ProbeResult {
             contact: (self == ProbeInputFault::ObstacleOnNextProbe).then_some(contact),
             has_crashed: moved.has_crashed,
@@ -111,14 +111,14 @@ impl ActiveJob {
         pace: SimulationPace,
         now: Duration,
     ) -> Self {
-        let from = world.position();
+        let from = world.displayed_position();
         let (end_position, duration) = match pace {
             SimulationPace::Immediate => (Position::new(), Duration::ZERO),
             SimulationPace::RealTime => {
                 let mut copy = world.clone();
                 job.run(&mut copy, probe_fault);
                 let seconds = (copy.time_s() - world.time_s()).max(0.0);
-                (copy.position(), Duration::from_secs_f64(seconds))
+                (copy.displayed_position(), Duration::from_secs_f64(seconds))
             }
         };
         Self { job, from, start_time: now, end_time: now + duration, end_position }
@@ -165,7 +165,7 @@ pub enum JobResult {
 impl Job {
     /// Whether the job is a rapid or a turn of a rotary axis: no contact is expected, and the control does not
     /// monitor the probe.
-    pub fn is_free_move(&self) -> bool {
+    pub fn is_rapid_or_rotary_move(&self) -> bool {
         match self {
             Self::Travel { to, feed_mm_min } => feed_mm_min.is_none() || to.iter().any(|(axis, _)| !axis.is_linear()),
             _ => false,

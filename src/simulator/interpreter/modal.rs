@@ -78,7 +78,7 @@ impl ModalState {
         for word in words {
             next.apply_word(*word, &mut line, axes)?;
         }
-        let job = next.line_job(&mut line, here)?;
+        let job = next.apply_line_words(&mut line, here)?;
         if !line.unconsumed_values.is_empty() {
             return Err(36);
         }
@@ -86,7 +86,7 @@ impl ModalState {
         Ok(job)
     }
 
-    fn line_job(&mut self, line: &mut LineWords, here: &Position) -> Result<Option<Job>, GrblErrorCode> {
+    fn apply_line_words(&mut self, line: &mut LineWords, here: &Position) -> Result<Option<Job>, GrblErrorCode> {
         let n = line.take_value('N').unwrap_or(0.0) as u32;
         if let Some(feed) = line.feed_word {
             self.feed_mm_min = Some(if self.uses_inches { feed * MM_PER_INCH } else { feed });

@@ -40,7 +40,10 @@ fn frame_bytes(count: u16, output: SensorOutput) -> [u8; 6] {
 }
 
 /// Returns a generator that gives the next frame at each call.
-pub fn frame_source(mut next_sample: SampleSource, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<CanFrame> + Send {
+pub fn frame_generator(
+    mut next_sample: SampleSource,
+    clock: Arc<dyn Clock>,
+) -> impl FnMut() -> Option<CanFrame> + Send {
     let mut count = 0_u16;
     move || {
         let output = next_sample();
@@ -64,7 +67,7 @@ pub fn spawn_frame_sender(
     let sender = CanSender::open(interface)?;
     let keep_alive = Arc::new(());
     let weak_keep_alive = Arc::downgrade(&keep_alive);
-    let next = frame_source(next_sample, clock);
+    let next = frame_generator(next_sample, clock);
     let period = Duration::from_secs_f64(1.0 / rate_hz);
     thread::Builder::new()
         .name("simulated sensor".to_owned())

@@ -289,7 +289,7 @@ fn delayed_sensor_reports_an_earlier_position() {
     assert_distance_mm(at(50).1, depth(2.95));
     assert_distance_mm(at(15).1, depth(0.0));
     assert_distance_mm(at(21).1, depth(0.05));
-    assert!((world.position().get_or_zero(Axis::X) - 6.0).abs() < 1e-12);
+    assert!((world.displayed_position().get_or_zero(Axis::X) - 6.0).abs() < 1e-12);
     assert!((world.time_s() - passing[59].world_time_s).abs() < 0.011);
 }
 

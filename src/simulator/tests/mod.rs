@@ -70,7 +70,7 @@ pub(super) fn touch_radius_and_latch_time(
 ) -> (f64, f64) {
     let at = |radius: f64, z: f64| position_with_ball_at(radius * phi.cos(), radius * phi.sin(), z);
     let clear = Speed::Feed { mm_min: 6000.0 };
-    let lifted = world.position().with(Axis::Z, 300.0);
+    let lifted = world.displayed_position().with(Axis::Z, 300.0);
     assert!(!world.travel(&lifted, Speed::Rapid).has_probe_closed);
     world.orient_spindle(spindle_angle);
     for to in [at(60.0, 200.0), at(60.0, 50.0)] {

@@ -11,7 +11,7 @@ fn rapid(world: &mut SimulatedWorld, to: &Position) -> MoveResult {
 #[test]
 fn move_duration_is_that_of_the_slowest_axis() {
     let mut world = TestBench::ideal().build_world();
-    let up = world.position().get_or_zero(Axis::Z);
+    let up = world.displayed_position().get_or_zero(Axis::Z);
     // 100 mm at 100 mm/s and 1000 mm/s²: 1 s and one ramp of 0.1 s.
     let long = rapid(&mut world, &Position::new().with(Axis::X, 100.0));
     assert!((long.duration_s - 1.1).abs() < 1e-12);
@@ -28,7 +28,7 @@ fn move_duration_is_that_of_the_slowest_axis() {
     world.dwell(2.5);
     let sum = 1.1 + short.duration_s + 3.1 + feed.duration_s + 2.5;
     assert!((world.time_s() - sum).abs() < 1e-9);
-    assert_eq!(world.position().get_or_zero(Axis::Z), up);
+    assert_eq!(world.displayed_position().get_or_zero(Axis::Z), up);
 }
 
 #[test]
@@ -43,14 +43,14 @@ fn the_machine_brakes_after_contact() {
     assert!((contact.latched_position.get_or_zero(Axis::X) - BALL_CENTRE_CIRCLE_RADIUS_MM).abs() < 1e-9);
     // 12 mm at 5 mm/s, and half of the 5 ms ramp before; then braking over v²/2a.
     assert!((contact.latch_time_s - before - 2.4 - 0.0025).abs() < 1e-9);
-    assert!((world.position().get_or_zero(Axis::X) - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.0125)).abs() < 1e-9);
+    assert!((world.displayed_position().get_or_zero(Axis::X) - (BALL_CENTRE_CIRCLE_RADIUS_MM - 0.0125)).abs() < 1e-9);
     assert!((probed.duration_s - 2.4075).abs() < 1e-9);
     assert!(world.is_probe_closed() && !probed.has_crashed);
     // Leaving contact does not count as a new contact.
     assert!(!rapid(&mut world, &position_with_ball_at(49.0, 0.0, 50.0)).has_probe_closed);
     assert!(!world.is_probe_closed());
     assert_eq!(world.probe(&position_with_ball_at(48.5, 0.0, 50.0), 30.0, 8).contact, None);
-    assert_eq!(world.position().get_or_zero(Axis::X), 48.5);
+    assert_eq!(world.displayed_position().get_or_zero(Axis::X), 48.5);
 }
 
 /// A touch at 300 mm/min that begins `gap` mm before contact. Returns how far beyond contact it is latched (mm),
@@ -68,7 +68,7 @@ fn latch_overshoot_time_and_rest_overshoot(latch: LatchDelay, gap: f64, n: u32) 
     let before = world.time_s();
     let contact =
         world.probe(&position_with_ball_at(BALL_CENTRE_CIRCLE_RADIUS_MM - 1.0, 0.0, 50.0), 300.0, n).contact.unwrap();
-    let rest = world.position().get_or_zero(Axis::X);
+    let rest = world.displayed_position().get_or_zero(Axis::X);
     (
         BALL_CENTRE_CIRCLE_RADIUS_MM - contact.latched_position.get_or_zero(Axis::X),
         contact.latch_time_s - before,
@@ -162,10 +162,10 @@ fn display_is_rounded_to_resolution_but_contact_is_not() {
     let mut world = bench.build_world();
     assert!((touch_radius_and_latch_time(&mut world, 0.0, 0.0, 1).0 - 48.012).abs() < 1e-12);
     world.travel(&position_with_ball_at(60.00049, 0.0, 50.0), Speed::Rapid);
-    assert!((world.position().get_or_zero(Axis::X) - 60.0).abs() < 1e-12);
+    assert!((world.displayed_position().get_or_zero(Axis::X) - 60.0).abs() < 1e-12);
     // The rounded position would be in contact; the ball itself is not.
     world.travel(&position_with_ball_at(48.01239, 0.0, 50.0), Speed::Rapid);
-    assert!(!world.is_probe_closed() && (world.position().get_or_zero(Axis::X) - 48.012).abs() < 1e-12);
+    assert!(!world.is_probe_closed() && (world.displayed_position().get_or_zero(Axis::X) - 48.012).abs() < 1e-12);
 }
 
 #[test]
@@ -195,7 +195,7 @@ fn a_retract_within_the_backlash_does_not_free_the_stylus() {
         rapid(&mut world, &to);
     }
     world.probe(&position_with_ball_at(40.0, 0.0, 50.0), 30.0, 1);
-    let rest = world.position().get_or_zero(Axis::X);
+    let rest = world.displayed_position().get_or_zero(Axis::X);
     assert!(rapid(&mut world, &Position::new().with(Axis::X, rest + 0.019)).has_probe_closed);
     assert!(world.is_probe_closed());
     assert!(!rapid(&mut world, &Position::new().with(Axis::X, rest + 0.021)).has_probe_closed);

@@ -81,7 +81,7 @@ fn linear_error_motions_have_the_declared_covariance() {
     }
     assert!(draw(1).deviation_at([0.0; 3]).norm() < 1e-15);
     // The table that the world uses agrees with the sum of cosines, inside and outside of its range.
-    let table = draw(1).with_table_within([250.0; 3]);
+    let table = draw(1).tabulated_within([250.0; 3]);
     for x in (-600..600).map(|i| 0.51 * f64::from(i)) {
         let off = (table.deviation_at([x, -x, x]) - draw(1).deviation_at([x, -x, x])).norm();
         assert!(off < 1e-5 * (sigma + 0.5 + 2.0), "{off} at {x}");
@@ -105,7 +105,7 @@ fn linear_error_motions_move_the_true_position() {
 fn stylus_offset_and_lobing_turn_with_the_spindle() {
     let mut bench = TestBench::ideal();
     bench.truth.seed = 3;
-    bench.probe.stylus_offset_um = 20.0;
+    bench.probe.u_stylus_offset_um = 20.0;
     let mut world = bench.build_world();
     let offset = draw_stylus_offset(3, 0.020);
     // The ball is `offset` beyond the command; the lateral part acts in second order only.
@@ -121,7 +121,7 @@ fn stylus_offset_and_lobing_turn_with_the_spindle() {
                 < 2e-5
         );
     }
-    bench.probe.stylus_offset_um = 0.0;
+    bench.probe.u_stylus_offset_um = 0.0;
     bench.probe.lobing_um = 5.0;
     let mut world = bench.build_world();
     let plain = touch_radius_and_latch_time(&mut world, 0.3, 0.0, 2).0;
@@ -144,7 +144,8 @@ fn drift_moves_the_table_and_grows_the_part() {
         for (number, phi) in [0.0, FRAC_PI_2, PI, -FRAC_PI_2].into_iter().enumerate() {
             let (found, t_s) = touch_radius_and_latch_time(&mut world, phi, 0.0, number as u32);
             let [x, y] = world.true_rotary_axis_position_mm(Axis::C, 50.0, t_s);
-            let expected = BALL_CENTRE_CIRCLE_RADIUS_MM + x * phi.cos() + y * phi.sin() + drift.radius_growth_mm(t_s);
+            let expected =
+                BALL_CENTRE_CIRCLE_RADIUS_MM + x * phi.cos() + y * phi.sin() + drift.artefact_radius_growth_mm(t_s);
             // A centre 0.1 mm to the side shortens the chord by 0.1 µm.
             assert!((found - expected).abs() < 2e-4, "{found} instead of {expected}");
         }
@@ -159,7 +160,7 @@ fn drift_moves_the_table_and_grows_the_part() {
         1.0,
     );
     assert_within_8_percent_of_scale(
-        mean_over_seeds(|s| (ThermalDrift::draw(s, 40.0).radius_growth_mm(3.6) / 40e-6).powi(2)),
+        mean_over_seeds(|s| (ThermalDrift::draw(s, 40.0).artefact_radius_growth_mm(3.6) / 40e-6).powi(2)),
         1.0,
         1.0,
     );
@@ -205,7 +206,7 @@ fn invalid_error_keys_and_vanishing_radius_are_refused() {
     let mut bench = TestBench::ideal();
     bench.truth.radius_offset_mm = -PART_RADIUS_MM;
     let error = SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
-    assert_eq!(error.unwrap_err(), SimulatedWorldError::InvalidArtefact);
+    assert_eq!(error.unwrap_err(), SimulatedWorldError::InvalidCylinder);
 }
 
 /// T = begins + warms·(1 − e^(−t/2 h)), rounded to 0.01 K, with the declared scatter, and reproducible.
@@ -237,7 +238,7 @@ fn thermometer_reading_follows_the_warm_up_with_the_declared_noise() {
     again.dwell(3.0);
     assert_eq!(again.temperature_c("bed"), Some(said[0]));
     let stray = bench.build_world().with_thermometers(&["spindle"]).unwrap_err();
-    assert!(matches!(stray, SimulatedWorldError::UnknownThermometer { .. }), "{stray}");
+    assert!(matches!(stray, SimulatedWorldError::UnknownOrDuplicateThermometer { .. }), "{stray}");
     bench.truth.thermometer[0].noise_k = -1.0;
     let bad = bench.build_world().with_thermometers(&["bed"]).unwrap_err();
     assert!(matches!(bad, SimulatedWorldError::InvalidThermometer { .. }), "{bad}");

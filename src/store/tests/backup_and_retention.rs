@@ -140,7 +140,7 @@ fn only_samples_of_finished_runs_with_estimate_are_removed() {
         run_with_three_scans(&journal, RunState::Finished, false),
         run_with_three_scans(&journal, RunState::Held, true),
         run_with_three_scans(&journal, RunState::Interrupted, false),
-        run_with_three_scans(&journal, RunState::Closed, true),
+        run_with_three_scans(&journal, RunState::NotResumable, true),
     ];
     let audit = AuditEntry {
         who: "Ada".to_owned(),

@@ -107,7 +107,7 @@ fn journal_with_rows_in_each_table() -> (tempfile::TempDir, RunId) {
         armed: now,
         until: now + std::time::Duration::from_secs(3600),
         ended: None,
-        broken: None,
+        broken_by_run: None,
     };
     journal.arm_cycle(&arming).wait().unwrap();
     journal.register_schedules("mill", vec![(schedule.clone(), "0 6 * * 1".to_owned())], now).wait().unwrap();

@@ -127,12 +127,12 @@ fn all_data_is_read_back_after_reopening() {
     assert_eq!(stored.events.iter().map(|(_, event)| event.clone()).collect::<Vec<_>>(), events);
     assert_eq!(stored.estimates[0].estimate, estimate_with_value(0.1 + 0.2));
     assert_eq!(stored.estimates[0].sha256, hash);
-    assert_eq!(hash, sha256(&estimate_with_value(0.1 + 0.2)).unwrap());
+    assert_eq!(hash, sha256_of_json(&estimate_with_value(0.1 + 0.2)).unwrap());
     let head = &stored.summary;
     assert_eq!((head.method.as_str(), head.machine.as_str()), ("self-calibration", "mill"));
     assert_eq!(head.state, RunState::Finished);
     assert!(head.started <= head.ended.unwrap());
-    assert_eq!(head.plan_sha256, sha256(&stored.plan).unwrap());
+    assert_eq!(head.plan_sha256, sha256_of_json(&stored.plan).unwrap());
     assert_eq!(head.program_version, env!("CARGO_PKG_VERSION"));
 }
 
@@ -308,6 +308,6 @@ fn interruptions_are_in_the_plan_and_its_hash() {
         journal.add_event(run, &RunEvent::Held { reason: "again".to_owned() }).wait().unwrap();
     }
     let stored = journal.load_run(run).unwrap();
-    assert_eq!(stored.plan.gaps_s, [12.5, 40.0]);
-    assert_eq!(sha256(&stored.plan).unwrap(), stored.summary.plan_sha256);
+    assert_eq!(stored.plan.interruption_times_s, [12.5, 40.0]);
+    assert_eq!(sha256_of_json(&stored.plan).unwrap(), stored.summary.plan_sha256);
 }

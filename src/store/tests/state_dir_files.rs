@@ -61,7 +61,7 @@ fn older_journal_is_migrated() {
     let run = journal.runs().unwrap()[0].id;
     let stored = journal.load_run(run).unwrap();
     assert_eq!((stored.readings.len(), stored.last_reading_stored_at), (1, None));
-    journal.set_state(run, RunState::Closed).wait().unwrap();
+    journal.set_state(run, RunState::NotResumable).wait().unwrap();
     let next = journal.begin_run(&new_run()).wait().unwrap();
     assert!(next > run);
     let error = journal.add_reading(RunId(77), &reading_of_step(0)).wait().unwrap_err();

@@ -123,7 +123,7 @@ pub fn init_check_and_run_give_a_result() -> Result<(), Failed> {
     std::fs::write(&to, complete_machine_file(&drafted)?)?;
     let summary = run_check(&workspace, &mut rig)?;
     eprintln!("{summary}");
-    if [CheckVerdict::Failed, CheckVerdict::NotLookedAt].iter().any(|verdict| summary.finding_count(*verdict) != 0) {
+    if [CheckVerdict::Failed, CheckVerdict::NotChecked].iter().any(|verdict| summary.finding_count(*verdict) != 0) {
         return Err(summary.to_string().into());
     }
     check_truth_within_u(&run_method_for_estimate(&workspace, "self-calibration")?, &FIRST_TRUE_C_AXIS_UM)

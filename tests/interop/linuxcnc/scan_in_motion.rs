@@ -133,7 +133,7 @@ async fn run_passes(workspace: &RunWorkspace) -> Result<(Vec<Reading>, bool, Res
     let new = NewRun { machine_file_text: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin_run(&new).await?;
     let mut tell = |event: &RunEvent| {
-        if let RunEvent::Announced { text } = event {
+        if let RunEvent::OperatorMessage { text } = event {
             eprintln!("{text}");
         }
     };

@@ -55,7 +55,7 @@ async fn run_measurement(
     let stored = journal.load_run(id).unwrap();
     assert_eq!((stored.summary.state, &stored.readings), (RunState::Finished, &readings));
     let told = stored.events.into_iter().filter_map(|(_, event)| match event {
-        RunEvent::Announced { text } => Some(text),
+        RunEvent::OperatorMessage { text } => Some(text),
         _ => None,
     });
     let mut measured = None;

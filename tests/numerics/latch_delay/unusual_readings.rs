@@ -145,7 +145,7 @@ fn scatter_above_the_declared_is_reported() {
 fn shift_during_an_interruption_is_not_a_delay() {
     let (mut plan, mut readings) = world_with_2_ms_delay().play_plan(3);
     let gap = readings[12].t_s;
-    plan.gaps_s.push(gap);
+    plan.interruption_times_s.push(gap);
     for reading in readings.iter_mut().filter(|reading| reading.t_s > gap) {
         reading.t_s += 3600.0;
         shift_contact(reading, 8.0);

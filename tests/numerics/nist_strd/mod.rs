@@ -15,7 +15,7 @@ mod regression_models;
 
 use dataset_file::{Dataset, read_dataset};
 use estimation::nonlinear_least_squares::minimise_squares;
-use estimation::schur::{BlockRows, factorise};
+use estimation::schur::{BlockRows, factorise_and_project_right_side};
 use regression_models::{DATASET_MODELS, Model};
 
 /// The data have so many digits that the residuals (1e-13 of values near 1) are mostly rounding errors of double
@@ -59,7 +59,7 @@ fn solve_nist_problem(
     let squares = found.residuals.iter().map(|r| r * r).sum::<f64>();
     let scale = (squares / (dataset.responses.len() - unknowns) as f64).sqrt();
     // Linearised at the solution, because so many digits are required.
-    let covariance = factorise(rows(&found.x)).0.covariance();
+    let covariance = factorise_and_project_right_side(rows(&found.x)).0.covariance();
     let deviations: Vec<f64> = (0..unknowns).map(|j| scale * covariance[(j, j)].sqrt()).collect();
     let digits = [
         min_correct_digits(&turned(&found.x, unknowns - eliminated_count), &dataset.certified_parameters),

@@ -98,9 +98,9 @@ fn no_program_as_rendered_is_refused() {
             let nearest = proof.nearest.expect("bodies were looked at");
             assert!(nearest.clearance_mm > 0.1, "{name}: {nearest:?}");
             // The proof lists what it did not check: the first path, if the start is unknown.
-            let blind = proof.not_looked_at.iter().any(|text| text.contains("the path of lines"));
-            assert_eq!(blind, stands.is_none(), "{name}: {:?}", proof.not_looked_at);
-            assert_eq!(proof.not_looked_at.len(), usize::from(blind), "{name}");
+            let blind = proof.unchecked_items.iter().any(|text| text.contains("the path of lines"));
+            assert_eq!(blind, stands.is_none(), "{name}: {:?}", proof.unchecked_items);
+            assert_eq!(proof.unchecked_items.len(), usize::from(blind), "{name}");
         }
     }
 }

@@ -306,7 +306,7 @@ impl RandomMove {
         match refusal_of_single_move(&plan, (self.from, self.to), self.is_guarded, dialect) {
             RefusalReason::ClearanceTooSmall { .. } => true,
             // The move itself was accepted.
-            RefusalReason::StepEndsWithout(_) => false,
+            RefusalReason::StepIncomplete(_) => false,
             other => panic!("{other}"),
         }
     }

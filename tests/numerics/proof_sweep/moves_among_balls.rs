@@ -81,7 +81,7 @@ impl RandomMoveAmongBalls {
         let plan = case.machine.touch_plan([[900.0, 0.0, 0.0, 0.0, 0.0]; 2], [1.0, 0.0, 0.0]);
         let refused = match refusal_of_single_move(&plan, (case.from, case.to), case.is_guarded, dialect) {
             RefusalReason::ClearanceTooSmall { .. } => true,
-            RefusalReason::StepEndsWithout(_) => false,
+            RefusalReason::StepIncomplete(_) => false,
             other => panic!("{other}"),
         };
         let (mut least, at, mut met) = case.sample_min_slack(COARSE_POINT_SPACING_MM, 2.0, (0.0, 1.0));
@@ -203,7 +203,7 @@ impl RandomTouch {
         let case = Self::new(number);
         let plan = case.machine.touch_plan([case.from, case.to], case.outward_normal);
         let refused = match refusal_of_single_move(&plan, (case.from, case.to), true, dialect) {
-            RefusalReason::StepEndsWithout(_) => false,
+            RefusalReason::StepIncomplete(_) => false,
             RefusalReason::ClearanceTooSmall { .. }
             | RefusalReason::TouchWithoutContact
             | RefusalReason::TouchCanMiss { .. }

@@ -54,7 +54,7 @@ fn play_touch_with_path(world: &mut SimulatedWorld, step: &Step) -> Reading {
     let linear = |position: &Position| position.filter_axes(Axis::is_linear);
     let high = |z: f64| Position::new().with(Axis::Z, z + RETRACT_MM);
     world.dwell(ADDED_DWELL_PER_TOUCH_S);
-    world.travel(&high(world.position().get_or_zero(Axis::Z)), Speed::Rapid);
+    world.travel(&high(world.displayed_position().get_or_zero(Axis::Z)), Speed::Rapid);
     world.travel(&step.from.filter_axes(|axis| axis != Axis::Z), Speed::Rapid);
     world.travel(&high(step.from.get_or_zero(Axis::Z)), Speed::Rapid);
     world.travel(&linear(&step.from), Speed::Rapid);

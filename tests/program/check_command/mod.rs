@@ -115,7 +115,7 @@ fn sound_machine_passes_with_each_control() {
                 assert!(told.lines().any(seen), "{keys}: {axis}\n{summary}");
             }
             let open = summary.findings.iter();
-            let open = open.filter(|finding| finding.verdict == CheckVerdict::NotLookedAt);
+            let open = open.filter(|finding| finding.verdict == CheckVerdict::NotChecked);
             let open: Vec<_> = open.map(|finding| finding.what.as_str()).collect();
             assert!(matches!(open[..], [what] if what.starts_with("S: ")), "{keys}\n{summary}");
         }

@@ -26,7 +26,7 @@ pub fn without_operator_probe_axes_and_hold_are_unchecked() {
     assert_eq!(summary.finding_count(CheckVerdict::Failed), 0, "{summary}");
     for part in [CheckPart::Probe, CheckPart::Axes, CheckPart::Hold] {
         let open = |finding: &&trued::commissioning::CheckFinding| {
-            finding.part == part && finding.verdict == CheckVerdict::NotLookedAt
+            finding.part == part && finding.verdict == CheckVerdict::NotChecked
         };
         assert!(summary.findings.iter().any(|finding| open(&finding)), "{part:?}\n{summary}");
     }
@@ -112,7 +112,7 @@ pub fn no_motion_is_requested_before_the_probe_was_deflected() {
     };
     let (summary, moves, _) = check_with_exception(but);
     assert_eq!(moves, 0, "{summary}");
-    assert_eq!(summary.finding_count(CheckVerdict::NotLookedAt), 4, "{summary}");
+    assert_eq!(summary.finding_count(CheckVerdict::NotChecked), 4, "{summary}");
 }
 
 /// A sensor may still be mounted in place of the probe.

@@ -42,7 +42,7 @@ fn world_in_contact(file: &MachineFile, deeper_mm: f64) -> SimulatedWorld {
     let mut world = setup::build_world(file).unwrap();
     let down = Position::new().with(Axis::Z, CONTACT_Z_MM - 20.0);
     assert!(world.probe(&down, 3000.0, 0).contact.is_some());
-    let rest = world.position().get_or_zero(Axis::Z) - deeper_mm;
+    let rest = world.displayed_position().get_or_zero(Axis::Z) - deeper_mm;
     world.travel(&Position::new().with(Axis::Z, rest), Speed::Feed { mm_min: 60.0 });
     assert!(world.is_probe_closed());
     world
@@ -69,7 +69,7 @@ fn run_recorded_check(
         MachineFile::parse("machine.toml", text).unwrap()
     };
     let world = world_in_contact(&file("127.0.0.1:1"), deeper_mm);
-    let z_before = world.position().get_or_zero(Axis::Z);
+    let z_before = world.displayed_position().get_or_zero(Axis::Z);
     let world = Arc::new(Mutex::new(world));
     let control = RecordingControl::start_with_world(world.clone());
     let file = file(&control.address());
@@ -104,7 +104,7 @@ fn first_motion_line(record: &WireRecord) -> Option<String> {
 
 fn assert_nothing_moved(checked: &RecordedCheck) {
     assert_eq!(first_motion_line(&checked.record), None, "{}", checked.summary);
-    let z = checked.world.lock().unwrap().position().get_or_zero(Axis::Z);
+    let z = checked.world.lock().unwrap().displayed_position().get_or_zero(Axis::Z);
     assert_eq!(z, checked.z_before_check_mm, "{}", checked.summary);
 }
 

@@ -106,7 +106,7 @@ fn record_values(shop: &CompensationShop, file: &MachineFile, run: RunId) {
     set_corrections(shop, 0.0, 0.0, 0.0);
     let journal = Journal::open(&shop.shop.state_folder()).unwrap();
     for text in describe_values_of_control(file, &[]) {
-        journal.add_event(run, &RunEvent::Announced { text }).wait().unwrap();
+        journal.add_event(run, &RunEvent::OperatorMessage { text }).wait().unwrap();
     }
 }
 
@@ -120,7 +120,7 @@ pub fn run_with_a_file_that_is_not_in_effect_gives_no_proposal() {
     store_run_with(&shop.shop.state_folder(), &file, "samba", &SCALES);
     let journal = Journal::open(&shop.shop.state_folder()).unwrap();
     for text in lines {
-        journal.add_event(RunId(3), &RunEvent::Announced { text }).wait().unwrap();
+        journal.add_event(RunId(3), &RunEvent::OperatorMessage { text }).wait().unwrap();
     }
     drop(journal);
     let refused = shop.compensate(&["propose", "3", "--target", "linuxcnc-joints"]);

@@ -212,7 +212,7 @@ fn write_is_refused_while_a_run_can_be_resumed() {
     journal.set_state(held, RunState::Held).wait().unwrap();
     shop.assert_refused(&shop.write(&hash), "run 2 of this machine can still be resumed");
     assert!(shop.is_as_before() && shop.state().is_none());
-    journal.set_state(held, RunState::Closed).wait().unwrap();
+    journal.set_state(held, RunState::NotResumable).wait().unwrap();
     assert!(shop.write(&hash).status.success());
 }
 
@@ -244,7 +244,7 @@ fn no_run_starts_while_a_compensation_is_unfinished() {
         let journal = Journal::open(&shop.state_folder()).unwrap();
         let plan = setup::plan_without_steps(&file, "self-calibration", json!({}));
         let run = journal.begin_run(&NewRun { machine_file_text: String::new(), plan }).wait().unwrap();
-        journal.set_state(run, RunState::Closed).wait().unwrap();
+        journal.set_state(run, RunState::NotResumable).wait().unwrap();
         let (name, before_text) = ("x".to_owned(), "0".to_owned());
         let changes = vec![CompensationChange { name, before_mm: 0.0, before_text, after_mm: 0.1 }];
         let (machine, who) = (file.machine.name.clone(), "Ada".to_owned());

@@ -208,5 +208,5 @@ struct FaultyLink {
 /// Short timeouts, so that hundreds of schedules finish quickly.
 fn short_timeouts() -> GrblTimeouts {
     let ms = Duration::from_millis;
-    GrblTimeouts { reply_timeout: ms(80), poll_interval: ms(10), alarm_detail_timeout: ms(20), stall_timeout: ms(300) }
+    GrblTimeouts { reply_timeout: ms(80), poll_interval: ms(10), follow_up_timeout: ms(20), stall_timeout: ms(300) }
 }

@@ -198,7 +198,7 @@ fn assert_runs_are_identified_or_closed(shop: &MachineShop) {
         let stored = journal.load_run(run.id).unwrap();
         let settled = match run.state {
             RunState::Finished => !stored.estimates.is_empty(),
-            RunState::Closed => stored.estimates.is_empty(),
+            RunState::NotResumable => stored.estimates.is_empty(),
             _ => false,
         };
         assert!(settled, "{run:?}");

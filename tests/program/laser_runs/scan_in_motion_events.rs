@@ -308,7 +308,7 @@ pub fn samples_lost_in_a_pass_are_left_out_and_not_replaced() {
         let of_step = stored.readings.iter().filter(|reading| reading.step == at.0);
         let scan: Vec<Reading> = of_step.cloned().collect();
         let told = stored.events.into_iter().filter_map(|(_, event)| match event {
-            Told::Announced { text } => Some(text),
+            Told::OperatorMessage { text } => Some(text),
             _ => None,
         });
         (scan, told.collect::<Vec<String>>().join("\n"))

@@ -58,7 +58,7 @@ fn check_sensor_failure_and_resume(state: SensorState, moment: FaultMoment, told
     }
     let moves = feed_move_count_of_failing_step(&shop.bench.received_text());
     let ended = run.wait_with_output().unwrap();
-    let stands = shop.bench.world.lock().unwrap().position();
+    let stands = shop.bench.world.lock().unwrap().displayed_position();
 
     assert_eq!(ended.status.code(), Some(5), "{label}: {}", stderr(&ended));
     for words in told.into_iter().chain(["laser", " resume 1`"]) {
@@ -76,7 +76,7 @@ fn check_sensor_failure_and_resume(state: SensorState, moment: FaultMoment, told
         (SPHERE_SEARCH_STEP..FAILING_STEP).collect::<Vec<_>>(),
         "{label}"
     );
-    assert_eq!(shop.bench.world.lock().unwrap().position(), stands, "{label}: it has moved");
+    assert_eq!(shop.bench.world.lock().unwrap().displayed_position(), stands, "{label}: it has moved");
 
     shop.sender.set_state(SensorState::Measuring);
     // The operator resets the control.

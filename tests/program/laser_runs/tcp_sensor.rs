@@ -155,13 +155,13 @@ impl SensorThread {
     fn send_sample(&mut self, stream: &mut TcpStream, state: SensorState) -> io::Result<()> {
         let mut world = self.world.lock().unwrap();
         let sensed = world.sample_after("laser", SAMPLE_PERIOD.as_secs_f64()).expect("a sensor");
-        if self.rest_tracker.position != world.position()
+        if self.rest_tracker.position != world.displayed_position()
             && let Some(next) = self.state_in_next_move.lock().unwrap().take()
         {
             *self.state.lock().unwrap() = next;
             return Ok(());
         }
-        self.rest_tracker.update(world.position(), state);
+        self.rest_tracker.update(world.displayed_position(), state);
         if matches!(state, SensorState::SilentAfterSamplesAtRest(most) if self.rest_tracker.has_arrived_after_fault_command && self.rest_tracker.sample_count > most)
         {
             *self.state.lock().unwrap() = SensorState::Silent;

@@ -109,7 +109,7 @@ fn faults_of_schedule(variant: &ControlVariant, seed: u64) -> Vec<Fault> {
     let fault = |kind, at_request, at_line, after_touch| Fault {
         kind,
         at_request,
-        at_line,
+        min_accepted_chunks: at_line,
         after_touch,
         code: None,
         late_s: Some(0.45),
@@ -134,7 +134,7 @@ const TOLERATED_FAULTS: [FaultKind; 9] = [
     FaultKind::StaleStatus,
     FaultKind::HalfWritten,
     FaultKind::StaleResult,
-    FaultKind::RepeatedResult,
+    FaultKind::AcknowledgeIgnored,
 ];
 /// Faults after which the control accepts nothing.
 const FATAL_FAULTS: [FaultKind; 9] = [
@@ -146,7 +146,7 @@ const FATAL_FAULTS: [FaultKind; 9] = [
     FaultKind::PersonHolds,
     FaultKind::LostStart,
     FaultKind::SkippedResult,
-    FaultKind::StartedTwice,
+    FaultKind::ProgramRestartedAtEnd,
 ];
 /// Faults that change the behaviour of the machine.
 const WORLD_CHANGING_FAULTS: [FaultKind; 5] = [

@@ -51,7 +51,7 @@ impl TryFrom<GrblConfigKeys> for GrblConfig {
 impl GrblConfig {
     pub const DESCRIPTION: ControlDescription = ControlDescription {
         kind: CONTROL_KIND,
-        hold_hint: "grblHAL: real-time command `!`",
+        hold_command_hint: "grblHAL: real-time command `!`",
         axis_direction_hint: Some("grblHAL: $3"),
         axis_scale_hint: Some("grblHAL: $100 and following, in axis order"),
     };

@@ -9,7 +9,7 @@ use super::fault::{
     foreign_device_error, not_ready_error, override_finding, refusal_error, state_text, unexpected_reply_error,
 };
 use super::message::{GrblMessage, GrblStatus, Overrides, alarm_meaning};
-use super::timeouts::{GrblTimeouts, MAX_FREE_MOVE_POLL_INTERVAL};
+use super::timeouts::{GrblTimeouts, MAX_POSITIONING_POLL_INTERVAL};
 use crate::controllers::stall_detector::StallDetector;
 use crate::controllers::{ControllerError, HaltHandle, ReadinessFinding};
 use link::{LineEvent, LineLink, LinkError, UrgentSender};
@@ -24,11 +24,11 @@ pub(super) struct GrblConnection {
     /// Whether the answer to the last line has not come yet.
     is_reply_pending: bool,
     /// Whether no status report has come since the last answer to a line.
-    needs_status: bool,
+    is_status_due_after_reply: bool,
     /// Overrides last reported since [`GrblConnection::new`].
     pub(super) last_overrides: Option<Overrides>,
     /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
-    pub(super) free_move_step: Option<u32>,
+    pub(super) positioning_step: Option<u32>,
     /// Whether a block is running: its feeds are valid at overrides of 100 % only.
     pub(super) is_block_running: bool,
     pub(super) timeouts: GrblTimeouts,
@@ -45,9 +45,9 @@ impl GrblConnection {
             urgent_sender: urgent,
             halt: halt.clone(),
             is_reply_pending: false,
-            needs_status: false,
+            is_status_due_after_reply: false,
             last_overrides: None,
-            free_move_step: None,
+            positioning_step: None,
             is_block_running: false,
             timeouts: GrblTimeouts::default(),
         };
@@ -92,7 +92,7 @@ impl GrblConnection {
         loop {
             match self.receive_message(request_at).await? {
                 Some(GrblMessage::Ok) => {
-                    (self.is_reply_pending, self.needs_status) = (false, true);
+                    (self.is_reply_pending, self.is_status_due_after_reply) = (false, true);
                     return Ok(messages);
                 }
                 Some(GrblMessage::Error(code)) => {
@@ -129,8 +129,8 @@ impl GrblConnection {
     }
 
     fn poll_interval(&self) -> Duration {
-        match self.free_move_step {
-            Some(_) => self.timeouts.poll_interval.min(MAX_FREE_MOVE_POLL_INTERVAL),
+        match self.positioning_step {
+            Some(_) => self.timeouts.poll_interval.min(MAX_POSITIONING_POLL_INTERVAL),
             None => self.timeouts.poll_interval,
         }
     }
@@ -172,7 +172,7 @@ impl GrblConnection {
             while let Some(message) = self.receive_message(again).await? {
                 match self.fail_on_alarm_or_reset(message).await? {
                     GrblMessage::Status(status) => {
-                        self.needs_status = false;
+                        self.is_status_due_after_reply = false;
                         if is_reply(&status) {
                             return Ok(status);
                         }
@@ -228,13 +228,13 @@ impl GrblConnection {
             "Hold" | "Door" | "Tool" => Err(ControllerError::HeldAtControl { state: state_text(status) }),
             "Alarm" | "Sleep" => {
                 // The number of the alarm may follow, or may be lost.
-                let deadline = Instant::now() + self.timeouts.alarm_detail_timeout;
+                let deadline = Instant::now() + self.timeouts.follow_up_timeout;
                 while let Some(message) = self.receive_message(deadline).await? {
                     self.fail_on_alarm_or_reset(message).await?;
                 }
                 Err(not_ready_error(status))
             }
-            _ => match self.free_move_step.filter(|_| status.is_probe_closed) {
+            _ => match self.positioning_step.filter(|_| status.is_probe_closed) {
                 Some(step) => {
                     // The machine may still be moving, and does not stop by itself.
                     self.send_hold();
@@ -257,14 +257,14 @@ impl GrblConnection {
     /// Begins the exchange and returns the status: terminates a partial line in the control's buffer, and identifies
     /// the device. Waits for the answer to the blank line too: a late answer would be taken for the answer to the
     /// next line.
-    pub(super) async fn start_session(&mut self) -> Result<GrblStatus, ControllerError> {
+    pub(super) async fn synchronize_and_read_status(&mut self) -> Result<GrblStatus, ControllerError> {
         self.link.send(b"\n")?;
         self.urgent_sender.send(b"?");
         let deadline = Instant::now() + 2 * self.timeouts.reply_timeout;
         let (mut noise, mut foreign) = (false, None);
         let (mut status, mut answered) = (None, false);
         while Instant::now() < deadline && !(answered && status.is_some()) {
-            match self.link.recv_deadline(Instant::now() + self.timeouts.alarm_detail_timeout).await? {
+            match self.link.recv_deadline(Instant::now() + self.timeouts.follow_up_timeout).await? {
                 Some(LineEvent::Noise { .. }) => noise = true,
                 Some(LineEvent::Line(line)) => match GrblMessage::parse(&line) {
                     GrblMessage::Status(report) => status = Some(report),
@@ -299,7 +299,7 @@ impl GrblConnection {
     /// which could be taken for the answer to the next line. The status is requested first, because its report comes
     /// after any surplus answer.
     async fn process_unsolicited_messages(&mut self) -> Result<(), ControllerError> {
-        if self.needs_status && !self.halt.is_halt_requested() {
+        if self.is_status_due_after_reply && !self.halt.is_halt_requested() {
             let status = self.read_status().await?;
             self.fail_on_uncommanded_state_unless_halted(&status).await?;
         }
@@ -335,7 +335,7 @@ impl GrblConnection {
 
     /// Reads the message that follows an alarm; returns `ControlReset` if it is a banner, otherwise `Alarm`.
     async fn read_alarm_error(&mut self, code: u32) -> Result<ControllerError, LinkError> {
-        let deadline = Instant::now() + self.timeouts.alarm_detail_timeout;
+        let deadline = Instant::now() + self.timeouts.follow_up_timeout;
         loop {
             match self.receive_message(deadline).await? {
                 Some(GrblMessage::Banner(banner)) => return Ok(ControllerError::ControlReset { banner }),

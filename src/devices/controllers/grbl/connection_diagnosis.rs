@@ -13,15 +13,17 @@ impl GrblConfig {
         let Some(received) = describe_received(failure) else { return link_findings };
         let Ok(address) = self.link.resolve_address() else { return link_findings };
         match (mode, &address) {
-            (DiagnosisMode::Passive, _) => passive_diagnosis(&address, &received),
-            (DiagnosisMode::Active, LinkAddress::Serial { path, baud }) => {
-                self.diagnose_serial(path, *baud, &received).await
+            (DiagnosisMode::ConfiguredSettings, _) => passive_diagnosis(&address, &received),
+            (DiagnosisMode::OtherSettings, LinkAddress::Serial { path, baud }) => {
+                self.search_answering_serial_settings(path, *baud, &received).await
             }
-            (DiagnosisMode::Active, LinkAddress::Tcp { .. }) => self.diagnose_tcp(&address, &received).await,
+            (DiagnosisMode::OtherSettings, LinkAddress::Tcp { .. }) => {
+                self.search_other_tcp_control(&address, &received).await
+            }
         }
     }
 
-    async fn diagnose_serial(&self, path: &str, baud: u32, received: &str) -> Vec<PossibleCause> {
+    async fn search_answering_serial_settings(&self, path: &str, baud: u32, received: &str) -> Vec<PossibleCause> {
         for other in port_scan::BAUD_RATES.into_iter().filter(|rate| *rate != baud) {
             let address = LinkAddress::Serial { path: path.to_owned(), baud: other };
             if let Some(reply) = port_scan::query_grbl(&address).await {
@@ -33,7 +35,7 @@ impl GrblConfig {
         vec![other.unwrap_or_else(|| port_scan::no_known_control_diagnosis(path, &evidence()))]
     }
 
-    async fn diagnose_tcp(&self, address: &LinkAddress, received: &str) -> Vec<PossibleCause> {
+    async fn search_other_tcp_control(&self, address: &LinkAddress, received: &str) -> Vec<PossibleCause> {
         let other = port_scan::scan_tcp(&self.link, CONTROL_KIND).await;
         let evidence = || format!("{received}; requests in the protocols of other controls also had no valid reply");
         vec![other.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&address.to_string(), &evidence()))]
@@ -63,7 +65,7 @@ fn passive_diagnosis(address: &LinkAddress, received: &str) -> Vec<PossibleCause
             "compare [controller] tcp and kind with the control's manual, or permit the search for other controls",
         ),
     };
-    vec![PossibleCause::preliminary(cause, received, remedy)]
+    vec![PossibleCause::suspected_before_search(cause, received, remedy)]
 }
 
 fn wrong_baud_diagnosis(baud: u32, actual_baud: u32, reply: &str) -> PossibleCause {

@@ -15,7 +15,7 @@ const REPORT_RESOLUTION_MM_OR_DEG: f64 = 0.001;
 impl GrblDriver {
     pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
         if !self.is_prepared {
-            let status = self.connection.start_session().await?;
+            let status = self.connection.synchronize_and_read_status().await?;
             // `$I` is not sent while the control moves: the control refuses it.
             if matches!(status.state.as_str(), "Run" | "Jog" | "Home") {
                 return Err(not_ready_error(&status));
@@ -47,7 +47,7 @@ fn build_device_info(
         identity: firmware.identity(),
         axes: reported_axes.collect(),
         findings: readiness::settings_findings(firmware, settings, required_homed_axes),
-        probe_polarity_hint: settings
+        probe_inversion_hint: settings
             .value(6)
             .map(|now| format!("enter ${}={} at the control (present value: {now})", 6, u8::from(now == 0.0))),
     }

@@ -65,7 +65,7 @@ impl GrblDriver {
     pub(super) async fn send_lines(&mut self, lines: &MotionLines<'_>) -> Result<Vec<GrblMessage>, ControllerError> {
         let mut messages = Vec::new();
         for line in lines.text.lines() {
-            messages.extend(self.connection.send_line_with_standstill(line, lines.standstill_time).await?);
+            messages.extend(self.connection.send_line_with_standstill(line, lines.planned_standstill_time).await?);
         }
         Ok(messages)
     }
@@ -89,7 +89,7 @@ impl GrblDriver {
                 self.monitor.spindle_rad = Some(*s);
                 Ok(None)
             }
-            Motion::Rapid { to } | Motion::Feed { to, .. } => self.execute_free_move(lines, to).await.map(Some),
+            Motion::Rapid { to } | Motion::Feed { to, .. } => self.execute_positioning_move(lines, to).await.map(Some),
             Motion::BackOff { to, .. } => {
                 self.send_lines(lines).await?;
                 let status = self.wait_arrival(to).await?;
@@ -121,17 +121,17 @@ impl GrblDriver {
     /// Executes a move that should touch nothing, at rapid or at feed (a turn before the position is
     /// confirmed). The control does not stop the move on a contact: the status reports show the contact,
     /// and the driver holds.
-    async fn execute_free_move(
+    async fn execute_positioning_move(
         &mut self,
         lines: &MotionLines<'_>,
         to: &Position,
     ) -> Result<GrblStatus, ControllerError> {
-        self.connection.free_move_step = Some(lines.step);
+        self.connection.positioning_step = Some(lines.step);
         let result = match self.send_lines(lines).await {
             Ok(_) => self.wait_arrival(to).await,
             Err(error) => Err(error),
         };
-        self.connection.free_move_step = None;
+        self.connection.positioning_step = None;
         result
     }
 
@@ -198,7 +198,7 @@ impl GrblDriver {
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
     /// the driver holds it; after that only a new link accepts lines.
-    fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
+    fn hold_after_fault(&mut self, error: ControllerError) -> ControllerError {
         self.is_prepared = false;
         if !is_at_rest_after(&error) {
             self.connection.send_hold();
@@ -219,13 +219,13 @@ impl ControllerDriver for GrblDriver {
     async fn execute(&mut self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         require_prepared(self.is_prepared, self.connection.is_halt_requested())?;
         let outcome = self.execute_block(&block).await;
-        outcome.map_err(|error| self.handle_fault(error))
+        outcome.map_err(|error| self.hold_after_fault(error))
     }
 
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
         if self.axes_in_report_order.is_empty() {
             // Before `prepare` the axes of the reported values are unknown.
-            self.connection.start_session().await?;
+            self.connection.synchronize_and_read_status().await?;
             self.check_firmware_axes().await?;
         }
         let status = self.connection.read_status().await?;

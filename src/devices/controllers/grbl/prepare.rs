@@ -8,7 +8,7 @@ use super::message::{GrblMessage, GrblStatus};
 use super::readiness::{self, reject_blocking};
 use super::settings::FirmwareInfo;
 use crate::controllers::control_clock::ControlClock;
-use crate::controllers::motion_lines::to_duration;
+use crate::controllers::motion_lines::duration_or_zero;
 use crate::controllers::{ControllerError, PreparedControl};
 use machine::Axis;
 use planning::gcode::TransmissionForm;
@@ -27,7 +27,7 @@ impl GrblDriver {
         check_probe: fn(&GrblStatus) -> Result<(), ControllerError>,
     ) -> Result<PreparedControl, ControllerError> {
         self.is_prepared = false;
-        let status = self.connection.start_session().await?;
+        let status = self.connection.synchronize_and_read_status().await?;
         if status.state != "Idle" {
             return Err(not_ready_error(&status));
         }
@@ -97,7 +97,7 @@ impl GrblDriver {
 
     /// Sends the lines of the program's head or foot, which set modes.
     pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
-        let standstill_time = to_duration(self.mode_text.settling_time_after_head_s().unwrap_or_default());
+        let standstill_time = duration_or_zero(self.mode_text.settling_time_after_head_s().unwrap_or_default());
         for line in lines {
             self.connection.send_line_with_standstill(line, standstill_time).await?;
         }

@@ -60,11 +60,11 @@ pub(super) fn tool_length_finding(offsets: &[GrblMessage]) -> Option<ReadinessFi
     })
 }
 
-/// Remarks on the settings. `homed_axes`: axes that the control must home.
+/// Remarks on the settings. `required_homed_axes`: axes that the control must home.
 pub(super) fn settings_findings(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,
-    homed_axes: &[Axis],
+    required_homed_axes: &[Axis],
 ) -> Vec<ReadinessFinding> {
     let axes = &firmware.axes_with_report_index();
     let mut findings = Vec::new();
@@ -104,12 +104,12 @@ pub(super) fn settings_findings(
         add_blocking(description.to_owned(), "enter $20=1 once the axes are homed");
     }
     findings.extend(zero_travel_finding(settings, axes));
-    findings.extend(homing_cycle_finding(settings, axes, homed_axes));
+    findings.extend(homing_cycle_finding(settings, axes, required_homed_axes));
     findings
 }
 
-/// Blocking finding if the stored travel of a linear axis is zero: soft limits do not limit this axis. A rotary axis may
-/// turn without end.
+/// Blocking finding if the stored travel of a linear axis is zero: soft limits do not limit this axis. A rotary axis
+/// may turn without end.
 fn zero_travel_finding(settings: &GrblSettings, axes: &[(Axis, u16)]) -> Option<ReadinessFinding> {
     let zero = |(axis, index): &&(Axis, u16)| axis.is_linear() && settings.value(130 + index) == Some(0.0);
     let without: Vec<&(Axis, u16)> = axes.iter().filter(zero).collect();
@@ -122,14 +122,14 @@ fn zero_travel_finding(settings: &GrblSettings, axes: &[(Axis, u16)]) -> Option<
     ))
 }
 
-/// Remark on the axes of `homed_axes` that the control does not home.
+/// Remark on the axes of `required_homed_axes` that the control does not home.
 fn homing_cycle_finding(
     settings: &GrblSettings,
     axes: &[(Axis, u16)],
-    homed_axes: &[Axis],
+    required_homed_axes: &[Axis],
 ) -> Option<ReadinessFinding> {
     let is_unhomed = |(axis, index): &&(Axis, u16)| {
-        homed_axes.contains(axis) && homing_method(settings, *index) == HomingMethod::InNoCycle
+        required_homed_axes.contains(axis) && homing_method(settings, *index) == HomingMethod::InNoCycle
     };
     let unhomed: Vec<&(Axis, u16)> = axes.iter().filter(is_unhomed).collect();
     (!unhomed.is_empty()).then(|| {
@@ -145,25 +145,25 @@ fn homing_cycle_finding(
     })
 }
 
-/// Remark on the axes of `homed_axes` that are not homed, from `[HOME:..:mask]` of `$#`.
+/// Remark on the axes of `required_homed_axes` that are not homed, from `[HOME:..:mask]` of `$#`.
 pub(super) fn homed_state_finding(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,
-    homed_axes: &[Axis],
+    required_homed_axes: &[Axis],
     offsets: &[GrblMessage],
 ) -> Option<ReadinessFinding> {
     if firmware.is_classic {
         // Classic Grbl is locked until it is homed or an operator unlocks it.
         return settings.has_bit(22, HOMING_ENABLED_MASK).then(|| {
             let description = "this control does not report whether its axes are homed";
-            ReadinessFinding::note(
+            ReadinessFinding::non_blocking(
                 description,
                 "home the machine before each measurement ($H); do not unlock the control ($X)",
             )
         });
     }
     let mask = homed_axes_mask(offsets);
-    let is_unhomed = |(axis, index): &&(Axis, u16)| homed_axes.contains(axis) && mask >> index & 1 == 0;
+    let is_unhomed = |(axis, index): &&(Axis, u16)| required_homed_axes.contains(axis) && mask >> index & 1 == 0;
     let axes = firmware.axes_with_report_index();
     let unhomed: Vec<&(Axis, u16)> = axes.iter().filter(is_unhomed).collect();
     (!unhomed.is_empty()).then(|| {
@@ -231,7 +231,7 @@ impl GrblDriver {
         }
         match self.connection.last_overrides {
             Some(overrides) => findings.extend(override_finding(overrides)),
-            None if firmware.is_classic => findings.push(ReadinessFinding::note(
+            None if firmware.is_classic => findings.push(ReadinessFinding::non_blocking(
                 "the overrides are not reported yet",
                 "set both overrides to 100 % at the control",
             )),

@@ -11,24 +11,24 @@ pub struct GrblTimeouts {
     pub reply_timeout: Duration,
     /// Longest interval between two status requests of a waiting driver.
     pub poll_interval: Duration,
-    /// Maximum delay of a message that belongs to the one before it: the number or the banner of an alarm, a status report
-    /// after a motion.
-    pub alarm_detail_timeout: Duration,
+    /// Maximum delay of a message that belongs to the one before it: the number or the banner of an alarm, a status
+    /// report after a motion.
+    pub follow_up_timeout: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
     pub stall_timeout: Duration,
 }
 
 /// Longest pause between two status requests during a move that should touch nothing. One request may be
-/// lost: a contact must lead to a hold within `HOLD_LATENCY_S` (planning, `turn_feeds.rs`), to which turns limit
-/// their speed.
-pub(super) const MAX_FREE_MOVE_POLL_INTERVAL: Duration = Duration::from_millis(100);
+/// lost: a contact must lead to a hold within `CONTACT_TO_HOLD_LATENCY_S` (planning, `turn_feeds.rs`), to which turns
+/// limit their speed.
+pub(super) const MAX_POSITIONING_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 impl Default for GrblTimeouts {
     fn default() -> Self {
         Self {
             reply_timeout: Duration::from_secs(2),
             poll_interval: Duration::from_millis(200),
-            alarm_detail_timeout: Duration::from_millis(500),
+            follow_up_timeout: Duration::from_millis(500),
             stall_timeout: Duration::from_secs(10),
         }
     }

@@ -80,7 +80,7 @@ impl GrblDriver {
 
     /// Waits until the machine is at rest, and checks that it is at its target.
     pub(super) async fn wait_arrival(&mut self, target: &Position) -> Result<GrblStatus, ControllerError> {
-        let deadline = Instant::now() + self.connection.timeouts.alarm_detail_timeout;
+        let deadline = Instant::now() + self.connection.timeouts.follow_up_timeout;
         loop {
             let status = self.connection.wait_idle().await?;
             self.monitor.standstill_position = self.status_position(&status)?;

@@ -44,7 +44,7 @@ fn default_dialect() -> String {
 impl LinuxCncConfig {
     pub const DESCRIPTION: ControlDescription = ControlDescription {
         kind: CONTROL_KIND,
-        hold_hint: "LinuxCNC: abort through linuxcncrsh",
+        hold_command_hint: "LinuxCNC: abort through linuxcncrsh",
         axis_direction_hint: Some("LinuxCNC: the sign of SCALE of the joint"),
         axis_scale_hint: Some("LinuxCNC: SCALE of the joint"),
     };

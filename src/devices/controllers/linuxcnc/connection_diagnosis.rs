@@ -24,13 +24,13 @@ impl LinuxCncConfig {
             ControllerError::NoAnswer { .. } | ControllerError::UnreadableReply { .. } | ControllerError::Link(_)
         );
         match mode {
-            DiagnosisMode::Active if is_foreign => {
+            DiagnosisMode::OtherSettings if is_foreign => {
                 let found = port_scan::scan_tcp(&named_address, CONTROL_KIND).await;
                 let evidence =
                     format!("{failure}; requests in the protocols of other controls also had no valid reply");
                 vec![found.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&address.to_string(), &evidence))]
             }
-            DiagnosisMode::Passive if is_foreign => vec![PossibleCause::preliminary(
+            DiagnosisMode::ConfiguredSettings if is_foreign => vec![PossibleCause::suspected_before_search(
                 "wrong port, or another kind of control",
                 failure.to_string(),
                 "compare [controller] tcp and kind with the start command of the control",
@@ -43,7 +43,7 @@ impl LinuxCncConfig {
     async fn diagnose_default_port(&self, address: &LinkAddress, mode: DiagnosisMode) -> Option<PossibleCause> {
         let LinkAddress::Tcp { host, port } = address else { return None };
         let default_address = LinkAddress::Tcp { host: host.clone(), port: DEFAULT_PORT };
-        if mode != DiagnosisMode::Active || *port == DEFAULT_PORT {
+        if mode != DiagnosisMode::OtherSettings || *port == DEFAULT_PORT {
             return None;
         }
         let reply = port_scan::query_linuxcncrsh(&default_address).await?;

@@ -33,13 +33,13 @@ impl LinuxCncDriver {
             let description = "linuxcncrsh does not report axes, travel and speeds";
             let remedy =
                 "in the machine file, set [controller] ini = \"...\" to the INI file that LinuxCNC was started with";
-            let findings = vec![ReadinessFinding::note(description, remedy)];
-            return Ok(DeviceInfo { identity, axes: axes.collect(), findings, probe_polarity_hint: None });
+            let findings = vec![ReadinessFinding::non_blocking(description, remedy)];
+            return Ok(DeviceInfo { identity, axes: axes.collect(), findings, probe_inversion_hint: None });
         };
         let ini = IniFile::read(path)?;
         let mm = ini.mm_per_unit();
         let axes = ini.axes().into_iter().map(|axis| (axis, ini.reported_axis(axis, mm))).collect();
-        Ok(DeviceInfo { identity, axes, findings: ini.findings(), probe_polarity_hint: None })
+        Ok(DeviceInfo { identity, axes, findings: ini.findings(), probe_inversion_hint: None })
     }
 }
 
@@ -98,7 +98,7 @@ impl IniFile {
                  positions of axes and joints differ"
             );
             let remedy = "enter M429 before a measurement, or add sparm=identityfirst to KINEMATICS in the INI file";
-            findings.push(ReadinessFinding::note(description, remedy));
+            findings.push(ReadinessFinding::non_blocking(description, remedy));
         }
         if let Some((axes, AxisSense::Reversed)) = self.rotary_table_axes_and_sense() {
             let axes: Vec<String> = axes.iter().map(Axis::to_string).collect();
@@ -109,7 +109,7 @@ impl IniFile {
             );
             let remedy = "set positive = \"reversed\" in [axes] of the machine file, or \"iso\" if that pin is 1; \
                           `trued check` shows the sense of rotation";
-            findings.push(ReadinessFinding::note(description, remedy));
+            findings.push(ReadinessFinding::non_blocking(description, remedy));
         }
         findings
     }

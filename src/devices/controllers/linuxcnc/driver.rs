@@ -134,9 +134,9 @@ impl LinuxCncDriver {
         let mode = self.rsh.get("mode").await?;
         self.initial_mode.get_or_insert(mode);
         self.rsh.read_messages().await?;
-        self.rsh.send_command("mode auto").await?;
+        self.rsh.send_task_command("mode auto").await?;
         self.files.write_program_and_remove_log(&prepare::state_query_program(&self.files.result_log_path()))?;
-        self.rsh.send_command(&format!("open {}", self.files.program_path())).await?;
+        self.rsh.send_task_command(&format!("open {}", self.files.program_path())).await?;
         let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, PROGRAM_WITHOUT_MOTION).await?;
         if !log.is_complete {
             self.files.require_log()?;
@@ -285,7 +285,7 @@ impl LinuxCncDriver {
             error,
             ControllerError::ControlFrozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_)
         );
-        if is_unresponsive || self.rsh.send_command("abort").await.is_err() {
+        if is_unresponsive || self.rsh.send_task_command("abort").await.is_err() {
             self.halt_connection.link.urgent_sender().send(HALT_COMMANDS);
             sleep(MAX_LINK_WRITE_TIME).await;
         }
@@ -337,7 +337,7 @@ impl ControllerDriver for LinuxCncDriver {
             self.run_switch_program(&program).await?;
         }
         match self.initial_mode.take() {
-            Some(mode) => self.rsh.send_command(&format!("mode {mode}")).await,
+            Some(mode) => self.rsh.send_task_command(&format!("mode {mode}")).await,
             None => Ok(()),
         }
     }

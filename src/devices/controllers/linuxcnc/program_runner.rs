@@ -71,7 +71,7 @@ pub(super) async fn run_program(
     program: WatchedProgram<'_>,
 ) -> Result<ResultLog, ControllerError> {
     let WatchedProgram { step, planned_standstill_time: standstill_time, feed_turn_end_position } = program;
-    rsh.send_command("run").await?;
+    rsh.send_task_command("run").await?;
     let (mut idle_since, mut is_refreshed) = (None, false);
     let mut halted_since = None;
     let mut progress = ProgressMonitor::start();
@@ -181,7 +181,7 @@ async fn refresh_state(rsh: &mut RshClient) -> Result<(), ControllerError> {
 /// while a program runs. (`set mode auto` is not harmless: it aborts.)
 pub(super) async fn request_sign_of_life(rsh: &mut RshClient) -> Result<(), ControllerError> {
     let stop = rsh.get("optional_stop").await?;
-    rsh.send_command(&format!("optional_stop {stop}")).await
+    rsh.send_task_command(&format!("optional_stop {stop}")).await
 }
 
 /// Repeats a hold until the machine is at rest. The first hold, on a connection of its own, may be lost:
@@ -197,7 +197,7 @@ pub(super) async fn abort_until_at_rest(rsh: &mut RshClient) -> Result<(), Contr
     sleep(MAX_STATE_UPDATE_TIME).await;
     while Instant::now() < deadline {
         if ignore_odd_reply(rsh.acquire_command_right().await)?.is_some()
-            && ignore_odd_reply(rsh.send_command("abort").await)?.is_some()
+            && ignore_odd_reply(rsh.send_task_command("abort").await)?.is_some()
             && ignore_odd_reply(is_at_rest(rsh).await)? == Some(true)
         {
             return Ok(());

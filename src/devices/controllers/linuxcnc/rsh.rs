@@ -68,7 +68,7 @@ impl RshClient {
     }
 
     /// Sends a `set` that the task must accept; linuxcncrsh acknowledges it when the task has accepted it.
-    pub async fn send_command(&mut self, command: &str) -> Result<(), ControllerError> {
+    pub async fn send_task_command(&mut self, command: &str) -> Result<(), ControllerError> {
         match self.set(command).await {
             Err(ControllerError::NoAnswer { .. }) => Err(ControllerError::ControlFrozen),
             answer => answer,

@@ -23,8 +23,8 @@ impl WindowConnection {
         let items = [
             command.heartbeat.encode_value(beat),
             command.result_acknowledge.encode_value(self.last_result_number.unwrap_or(self.checked_sequence)),
-            command.crc.encode_value(CHUNK_CRC.checksum(chunk)),
-            command.length.encode_value(length),
+            command.chunk_crc.encode_value(CHUNK_CRC.checksum(chunk)),
+            command.chunk_length.encode_value(length),
             Ok(command.chunk.encode_text(chunk)),
         ];
         let items: Result<Vec<_>, _> = items.into_iter().collect();

@@ -26,7 +26,7 @@ const TCP_UNIT_CANDIDATES: [u8; 4] = [255, 1, 0, 2];
 const HEARTBEAT_CHECK_TIME: Duration = Duration::from_millis(1200);
 
 impl ModbusConfig {
-    pub(super) async fn diagnose_missing_answer(&self, request: ConnectionDiagnosisRequest<'_>) -> Vec<PossibleCause> {
+    pub(super) async fn find_possible_causes(&self, request: ConnectionDiagnosisRequest<'_>) -> Vec<PossibleCause> {
         let ConnectionDiagnosisRequest { machine, failure, mode } = request;
         use ControllerError as E;
         let link_findings = port_diagnosis::diagnose_open_failure(&self.device.line.link, failure);
@@ -43,8 +43,8 @@ impl ModbusConfig {
                 | ModbusError::ConnectionLost { .. },
             )
             | E::NoAnswer { .. } => match mode {
-                DiagnosisMode::Passive => vec![self.passive_diagnosis(failure)],
-                DiagnosisMode::Active => self.search_answering_settings(failure).await,
+                DiagnosisMode::ConfiguredSettings => vec![self.passive_diagnosis(failure)],
+                DiagnosisMode::OtherSettings => self.search_answering_settings(failure).await,
             },
             _ => link_findings,
         }
@@ -74,8 +74,8 @@ impl ModbusConfig {
         if let Some(other) = diagnose_window_kind(&modbus, &self.map).await {
             return vec![other];
         }
-        if mode == DiagnosisMode::Passive {
-            return vec![PossibleCause { needs_active_search: true, ..wrong_address_diagnosis() }];
+        if mode == DiagnosisMode::ConfiguredSettings {
+            return vec![PossibleCause { needs_other_settings_search: true, ..wrong_address_diagnosis() }];
         }
         for (shift, in_other_space) in format_diagnosis::STATUS_SHIFT_CANDIDATES {
             let shifted = format_diagnosis::shifted_status_range(&self.map.status, shift, in_other_space);
@@ -119,7 +119,7 @@ impl ModbusConfig {
                  search for other settings",
             ),
         };
-        PossibleCause::preliminary(cause, failure.to_string(), remedy.to_owned())
+        PossibleCause::suspected_before_search(cause, failure.to_string(), remedy.to_owned())
     }
 
     /// Searches for other units, settings and protocols that answer.
@@ -188,7 +188,7 @@ async fn read_status_block(modbus: &ModbusClient, map: &WindowRegisterMap) -> Op
 
 /// Suspected cause: lines are configured, but a resident program is behind the window; or the reverse.
 async fn diagnose_window_kind(modbus: &ModbusClient, map: &WindowRegisterMap) -> Option<PossibleCause> {
-    let at = &map.status.version;
+    let at = &map.status.window_version;
     let block = modbus.read(map.status.space, at.address, at.register_count()).await.ok()?;
     let version = at.decode_from_block(&block, at.address).ok()?;
     let lines = map.status.result.is_none();

@@ -13,7 +13,7 @@ use planning::proof::ProvenModeText;
 impl ModbusConfig {
     pub const DESCRIPTION: ControlDescription = ControlDescription {
         kind: CONTROL_KIND,
-        hold_hint: "Modbus: hold in [controller.registers.command] (docs/line-window.md)",
+        hold_command_hint: "Modbus: hold in [controller.registers.command] (docs/line-window.md)",
         axis_direction_hint: None,
         axis_scale_hint: None,
     };
@@ -36,6 +36,6 @@ impl ControllerConfig for ModbusConfig {
     }
 
     fn diagnose_connection<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a> {
-        Box::pin(self.diagnose_missing_answer(request))
+        Box::pin(self.find_possible_causes(request))
     }
 }

@@ -19,7 +19,7 @@ impl ModbusDriver {
             identity: self.identity(),
             axes: registers.iter().map(reported_axis).collect(),
             findings: self.findings(&status),
-            probe_polarity_hint: None,
+            probe_inversion_hint: None,
         })
     }
 
@@ -42,12 +42,15 @@ impl ModbusDriver {
         if status.position.iter().all(|(_, value)| value == 0.0) {
             let description = "all axes read zero: a wrong order, type or scale is not detectable";
             let remedy = "jog each axis by a small distance at the control and repeat the check";
-            findings.push(ReadinessFinding::note(description, remedy));
+            findings.push(ReadinessFinding::non_blocking(description, remedy));
         }
         if status.control_time_s.is_none() {
             let description =
                 "the control does not report its time: each reading has the time at which trued received it";
-            findings.push(ReadinessFinding::note(description, "no action needed; drift is determined less precisely"));
+            findings.push(ReadinessFinding::non_blocking(
+                description,
+                "no action needed; drift is determined less precisely",
+            ));
         }
         findings
     }

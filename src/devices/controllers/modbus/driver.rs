@@ -88,7 +88,7 @@ impl ModbusDriver {
     async fn send_lines(&mut self, lines: &MotionLines<'_>) -> Result<WindowStatus, ControllerError> {
         let mut status = None;
         for line in lines.text.lines() {
-            status = Some(self.window.execute_line(line, lines.standstill_time).await?);
+            status = Some(self.window.execute_line(line, lines.planned_standstill_time).await?);
         }
         self.standstill_status(status).await
     }
@@ -112,9 +112,9 @@ impl ModbusDriver {
             Motion::Rapid { to } | Motion::Feed { to, .. } => {
                 // The control does not stop the move on a contact: the status shows the contact, and the
                 // driver holds.
-                self.window.free_move_step = Some(step);
+                self.window.positioning_step = Some(step);
                 let sent = self.send_lines(lines).await;
-                self.window.free_move_step = None;
+                self.window.positioning_step = None;
                 self.check_arrival(sent?, to)
             }
             Motion::BackOff { to, .. } => {
@@ -267,7 +267,7 @@ impl ModbusDriver {
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
     /// the driver holds it; after that only a new link accepts lines.
-    fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
+    fn hold_after_fault(&mut self, error: ControllerError) -> ControllerError {
         self.is_prepared = false;
         if !error.is_machine_stationary() {
             self.window.send_hold();
@@ -288,7 +288,7 @@ impl ControllerDriver for ModbusDriver {
     async fn execute(&mut self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         require_prepared(self.is_prepared, self.window.is_halt_requested())?;
         let outcome = self.execute_block(&block).await;
-        outcome.map_err(|error| self.handle_fault(error))
+        outcome.map_err(|error| self.hold_after_fault(error))
     }
 
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {

@@ -14,7 +14,7 @@ const SCALE_CANDIDATES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.00
 /// Distance beyond the travel of the machine file up to which a position is plausible, mm or degrees.
 pub(super) const TRAVEL_MARGIN_MM_OR_DEG: f64 = 1.0;
 /// Smallest magnitude of a plausible position other than zero, mm or degrees.
-const MIN_PLAUSIBLE_NONZERO_POSITION: f64 = 1e-4;
+const MIN_PLAUSIBLE_NONZERO_POSITION_MM_OR_DEG: f64 = 1e-4;
 /// A smaller magnitude other than zero is a whole number that was read as floating point.
 const MAX_MISREAD_INTEGER_MAGNITUDE: f64 = 1e-20;
 
@@ -79,8 +79,10 @@ pub(super) fn diagnose_position_format(
         let Some(positions) = read_positions(&map.status, block, machine, Some(change)) else {
             continue;
         };
-        let is_plausible = positions.iter().any(|(_, value)| value.abs() >= MIN_PLAUSIBLE_NONZERO_POSITION)
-            && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= MIN_PLAUSIBLE_NONZERO_POSITION);
+        let is_plausible = positions.iter().any(|(_, value)| value.abs() >= MIN_PLAUSIBLE_NONZERO_POSITION_MM_OR_DEG)
+            && positions
+                .iter()
+                .all(|(_, value)| *value == 0.0 || value.abs() >= MIN_PLAUSIBLE_NONZERO_POSITION_MM_OR_DEG);
         // Among the scales that fit, the largest represents all; among types with the same result, the
         // first.
         let is_scale_again =

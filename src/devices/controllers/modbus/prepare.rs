@@ -6,7 +6,7 @@ use super::fault::not_ready_error;
 use super::format_diagnosis;
 use super::status::WindowStatus;
 use crate::controllers::control_clock::ControlClock;
-use crate::controllers::motion_lines::to_duration;
+use crate::controllers::motion_lines::duration_or_zero;
 use crate::controllers::{ControllerError, PreparedControl, READINESS_ITEMS, ReadinessItem, arrival};
 use planning::gcode::TransmissionForm;
 
@@ -18,7 +18,7 @@ impl ModbusDriver {
         check_probe: fn(&WindowStatus) -> Result<(), ControllerError>,
     ) -> Result<PreparedControl, ControllerError> {
         self.is_prepared = false;
-        let status = self.window.wait_for_heartbeat().await?;
+        let status = self.window.exchange_first_heartbeats().await?;
         if let Some(error) = not_ready_error(&status) {
             return Err(error);
         }
@@ -118,7 +118,7 @@ impl ModbusDriver {
             return Ok(());
         }
         let max_bytes = self.window.map.command.chunk.capacity_bytes();
-        let standstill_time = to_duration(self.mode_text.settling_time_after_head_s().unwrap_or_default());
+        let standstill_time = duration_or_zero(self.mode_text.settling_time_after_head_s().unwrap_or_default());
         // Comments have no effect at the control, and may be longer than the window.
         for line in lines.iter().filter(|line| !line.starts_with('(')) {
             if line.len() > max_bytes {

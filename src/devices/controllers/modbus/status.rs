@@ -74,7 +74,7 @@ impl WindowStatus {
         {
             return Ok(None);
         }
-        let version = block.read_u16("version", &status.version)?;
+        let version = block.read_u16("version", &status.window_version)?;
         let expected = if status.result.is_some() { PROGRAM_WINDOW_VERSION } else { LINE_WINDOW_VERSION };
         if version != expected {
             return Err(unexpected_window_error(format!("the window has version {version}, not {expected}")));

@@ -166,7 +166,7 @@ async fn stopped_heartbeat_ends_a_move_before_the_stall_timeout() {
 /// Only the heartbeat stops: the control's program continues, and each move ends long before the timeout.
 #[tokio::test]
 async fn stopped_heartbeat_is_detected_over_short_moves() {
-    let stands = vec![fault_at_line(FaultKind::HeartbeatStands, 5)];
+    let stands = vec![fault_at_line(FaultKind::HeartbeatStopped, 5)];
     let (driver, ..) = driver_of_simulated_control("", SimulationPace::RealTime, stands).await;
     let timeouts = ModbusTimeouts { heartbeat_timeout: Duration::from_millis(400), ..ModbusTimeouts::default() };
     let mut driver = driver.with_timeouts(timeouts);
@@ -258,7 +258,15 @@ async fn torn_status_does_not_change_the_touch_result() {
 }
 
 pub(super) fn fault_at_line(kind: FaultKind, at_line: u64) -> Fault {
-    Fault { kind, at_request: 0, at_line, after_touch: 0, code: None, late_s: None, slow_latch_period_s: None }
+    Fault {
+        kind,
+        at_request: 0,
+        min_accepted_chunks: at_line,
+        after_touch: 0,
+        code: None,
+        late_s: None,
+        slow_latch_period_s: None,
+    }
 }
 
 #[tokio::test]

@@ -13,7 +13,7 @@ pub struct ModbusTimeouts {
     /// Maximum time for the control to check a chunk, and to report its state.
     pub reply_timeout: Duration,
     /// Longest delay between two reads of the status. A contact in a move that should touch nothing must lead to a
-    /// hold within `HOLD_LATENCY_S` (planning, `turn_feeds.rs`).
+    /// hold within `CONTACT_TO_HOLD_LATENCY_S` (planning, `turn_feeds.rs`).
     pub poll_interval: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
     pub stall_timeout: Duration,

@@ -65,7 +65,7 @@ pub(super) struct WindowConnection {
     hold_sender: UrgentWriteSender,
     halt: HaltHandle,
     pub(super) own_heartbeat: Arc<AtomicU16>,
-    /// Task that writes the heartbeat; [`WindowConnection::wait_for_heartbeat`] starts it.
+    /// Task that writes the heartbeat; [`WindowConnection::exchange_first_heartbeats`] starts it.
     heartbeat_task: OnceLock<JoinHandle<()>>,
     /// Sequence number of the last chunk that the control has checked, accepted or refused.
     pub(super) checked_sequence: u16,
@@ -75,7 +75,7 @@ pub(super) struct WindowConnection {
     /// Number of the last result that was read from a resident program.
     pub(super) last_result_number: Option<u16>,
     /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
-    pub(super) free_move_step: Option<u32>,
+    pub(super) positioning_step: Option<u32>,
     pub(super) timeouts: ModbusTimeouts,
     heartbeat_monitor: HeartbeatMonitor,
 }
@@ -123,7 +123,7 @@ impl WindowConnection {
             checked_sequence: 0,
             is_checked_chunk_own: false,
             last_result_number: None,
-            free_move_step: None,
+            positioning_step: None,
             timeouts: ModbusTimeouts::default(),
             heartbeat_monitor: HeartbeatMonitor::default(),
         };
@@ -252,7 +252,7 @@ impl WindowConnection {
         }
         check_idle_or_running(&status)?;
         self.heartbeat_monitor.check_heartbeat(status.heartbeat, &self.timeouts)?;
-        if let Some(step) = self.free_move_step.filter(|_| status.is_probe_closed) {
+        if let Some(step) = self.positioning_step.filter(|_| status.is_probe_closed) {
             // The machine may still be moving, and does not stop by itself.
             self.send_hold();
             return Err(ControllerError::UnexpectedContact { step });
@@ -310,7 +310,7 @@ impl WindowConnection {
 
     /// Starts the heartbeat of `trued` and waits until the control's heartbeat changes; returns the status
     /// that shows it.
-    pub(super) async fn wait_for_heartbeat(&self) -> Result<WindowStatus, ControllerError> {
+    pub(super) async fn exchange_first_heartbeats(&self) -> Result<WindowStatus, ControllerError> {
         let heart = || write_heartbeats(self.link.clone(), self.map.clone(), self.own_heartbeat.clone());
         self.heartbeat_task.get_or_init(|| tokio::spawn(heart()));
         let (at, words) =

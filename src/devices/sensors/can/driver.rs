@@ -37,7 +37,7 @@ pub(super) struct CanDriver {
 impl CanDriver {
     pub(super) fn new(config: &CanConfig, can: CanReceiver, range_mm: [f64; 2], clock: Arc<dyn Clock>) -> Self {
         let CanConfig { id, layout, silence_timeout: timeout, .. } = config.clone();
-        let counter = CounterTracker::new(layout.sample.counter_modulus());
+        let counter = CounterTracker::new(layout.sample_layout.counter_modulus());
         let ignored_before_s = f64::NEG_INFINITY;
         let (bus, _simulator) = (BusState::default(), None);
         Self {
@@ -175,7 +175,7 @@ impl SensorConfig for CanConfig {
     }
 
     fn encoder_modulus(&self) -> Option<u64> {
-        self.layout.sample.encoder_modulus()
+        self.layout.sample_layout.encoder_modulus()
     }
 
     /// The kernel gives each listener its own copy of a frame, so no port is shared.

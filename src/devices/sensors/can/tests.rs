@@ -105,7 +105,7 @@ async fn frames_of_the_simulated_sensor_are_read() {
     let mut sees = sees.into_iter();
     let sense: SampleSource = Box::new(move || sees.next().unwrap());
     let clock: Arc<dyn Clock> = Arc::new(StoppedClock);
-    let mut frames = can::frame_source(sense, clock.clone());
+    let mut frames = can::frame_generator(sense, clock.clone());
     // By hand from the data sheet: 123456 counts are 0x01E240.
     let first = frames().unwrap();
     assert_eq!(first.data(), [0, 1, 0x01, 0xE2, 0x40, 0]);

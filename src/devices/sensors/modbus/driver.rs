@@ -60,7 +60,7 @@ impl ModbusSensorDriver {
             range_mm: sensor.range_mm,
             clock,
             client: link,
-            counter_tracker: CounterTracker::new(config.register_map.sample.counter_modulus()),
+            counter_tracker: CounterTracker::new(config.register_map.sample_layout.counter_modulus()),
             // A sensor that measures when it is read has no unchanged values.
             frozen_detector: match simulated_hz {
                 Some(_) => None,
@@ -82,7 +82,7 @@ impl ModbusSensorDriver {
         }
         let span = self.config.register_map.span;
         let words = self.client.read(span.space, span.first, span.last - span.first + 1).await?;
-        let read = self.config.register_map.sample.decode(&words);
+        let read = self.config.register_map.sample_layout.decode(&words);
         read.map_err(|error| SensorError::InvalidData {
             text: format!("registers {} to {}: {error}", span.first, span.last),
             remedy: "compare [sensor.modbus] with the sensor's manual: register, type, order; set `nan` \
@@ -110,7 +110,7 @@ impl ModbusSensorDriver {
 
     /// Describes the sensor, with the faults that cannot be detected.
     fn identity(&self) -> String {
-        let counter = self.config.register_map.sample.counter_and_modulus;
+        let counter = self.config.register_map.sample_layout.counter_and_modulus;
         let limitation = match (counter, &self.frozen_detector, self.simulated_hz) {
             (Some(_), ..) | (_, _, Some(_)) => "",
             (None, Some(_), None) => ", without a counter: a frozen value is detected only by its noise",
@@ -165,7 +165,7 @@ impl SensorDriver for ModbusSensorDriver {
 
     async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
         self.counter_tracker.restart();
-        if self.simulated_hz.is_some() || self.config.register_map.sample.counter_modulus().is_none() {
+        if self.simulated_hz.is_some() || self.config.register_map.sample_layout.counter_modulus().is_none() {
             return Ok(());
         }
         // The registers hold an earlier sample; the next one has another count.
@@ -212,7 +212,7 @@ impl SensorConfig for ModbusSensorConfig {
     }
 
     fn encoder_modulus(&self) -> Option<u64> {
-        self.register_map.sample.encoder_modulus()
+        self.register_map.sample_layout.encoder_modulus()
     }
 
     fn open_sensor<'a>(

@@ -26,8 +26,8 @@ impl FrozenValueDetector {
     /// Returns the detector; `None` if the noise is unknown or too small, or if there is a counter.
     pub fn new_if_detectable(map: &SensorRegisterMap, sensor: &Sensor, timeout: Duration) -> Option<Self> {
         let noise_mm = 1e-3 * sensor.noise_um.filter(|noise| *noise > 0.0)?;
-        let is_detectable =
-            map.sample.counter_modulus().is_none() && MIN_DETECTION_NOISE_SD_COUNTS * map.count_size_mm() <= noise_mm;
+        let is_detectable = map.sample_layout.counter_modulus().is_none()
+            && MIN_DETECTION_NOISE_SD_COUNTS * map.count_size_mm() <= noise_mm;
         let (value_mm, unchanged_since) = (f64::NAN, Instant::now());
         is_detectable.then_some(Self {
             min_unchanged_time: timeout,

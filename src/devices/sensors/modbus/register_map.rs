@@ -85,7 +85,7 @@ fn default_width() -> u16 {
 pub(super) struct SensorRegisterMap {
     /// All registers that are read, in one request.
     pub span: RegisterRange,
-    pub sample: SampleLayout<RegisterLocation>,
+    pub sample_layout: SampleLayout<RegisterLocation>,
     /// Whether samples that were missed between two reads are counted and flagged.
     pub counts_missing_samples: bool,
 }
@@ -206,12 +206,12 @@ impl SensorRegisterMap {
             encoder_and_modulus: encoder,
             conditions_with_flags: flags,
         };
-        Ok(Self { span, sample, counts_missing_samples: counts_gaps })
+        Ok(Self { span, sample_layout: sample, counts_missing_samples: counts_gaps })
     }
 
     /// Size of one count, mm; 0 for floating-point numbers.
     pub fn count_size_mm(&self) -> f64 {
-        let SampleLayout { value_location: value, scale_mm, .. } = &self.sample;
+        let SampleLayout { value_location: value, scale_mm, .. } = &self.sample_layout;
         if value.number_format.number_type.is_float() { 0.0 } else { scale_mm.abs() }
     }
 }

@@ -51,7 +51,7 @@ fn registers_are_decoded_by_the_map() {
     let map = &config.register_map;
     assert_eq!((map.span.first, map.span.last), (9, 12));
     let read = |words: [u16; 4]| {
-        let decoded = map.sample.decode(&words).unwrap();
+        let decoded = map.sample_layout.decode(&words).unwrap();
         (decoded.value_mm, decoded.counter_value)
     };
     assert_eq!(read([0, 0, 2000, 7]), (Ok(2.0), Some(7)));
@@ -60,7 +60,7 @@ fn registers_are_decoded_by_the_map() {
     assert_eq!(read([12, 0, 2000, 8]), (Err(ReadingFlag::Saturated), Some(8)));
     assert_eq!(read([0x8000, 0, 2000, 8]), (Err(ReadingFlag::Stale), Some(8)));
     assert_eq!(read([0, 0x8000, 0, 8]), (Err(ReadingFlag::Range), Some(8)));
-    assert_eq!(map.sample.counter_modulus(), Some(65_536));
+    assert_eq!(map.sample_layout.counter_modulus(), Some(65_536));
     // Only the span may be read, and nothing written.
     let allowed = config.device_settings().access_list;
     assert_eq!((allowed.readable, allowed.writable), (vec![map.span], vec![]));
@@ -69,8 +69,8 @@ fn registers_are_decoded_by_the_map() {
     let nan = [0x7FC0, 0];
     let map =
         |keys: &str| toml::from_str::<ModbusSensorConfig>(&format!("tcp = \"a:9\"\n{keys}")).unwrap().register_map;
-    assert_eq!(map(float).sample.decode(&nan).unwrap().value_mm, Err(ReadingFlag::Range));
-    assert!(map(&float.replace(", nan = \"no-echo\"", "")).sample.decode(&nan).is_err());
+    assert_eq!(map(float).sample_layout.decode(&nan).unwrap().value_mm, Err(ReadingFlag::Range));
+    assert!(map(&float.replace(", nan = \"no-echo\"", "")).sample_layout.decode(&nan).is_err());
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn encoder_count_is_read_with_the_value() {
         let map = toml::from_str::<ModbusSensorConfig>(&text).unwrap().register_map;
         // A 16-bit number is the last register that is read.
         let words = words.get(..usize::from(map.span.last - map.span.first + 1)).unwrap();
-        (map.sample.encoder_modulus(), map.sample.decode(words).unwrap().encoder_count)
+        (map.sample_layout.encoder_modulus(), map.sample_layout.decode(words).unwrap().encoder_count)
     };
     assert_eq!(read("u32", [0, 0, 2000, 7, 0xFFFE, 0x0001]), (Some(1 << 32), Some(0x1_FFFE)));
     assert_eq!(read("i32", [0, 0, 2000, 7, 0xFFFF, 0xFFFF]), (Some(1 << 32), Some(u32::MAX)));

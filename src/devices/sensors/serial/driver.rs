@@ -11,7 +11,7 @@ use super::startup_diagnosis::StartupData;
 use crate::sensors::counter_tracker::CounterTracker;
 use crate::sensors::sample_layout::DecodedSample;
 use crate::sensors::{
-    MAX_CONSECUTIVE_SILENCES, MAX_RATE_MEASUREMENT_SAMPLES, OpenSensorFuture, RATE_MEASUREMENT_TIME, Sample,
+    MAX_CONSECUTIVE_STALE_SAMPLES, MAX_RATE_MEASUREMENT_SAMPLES, OpenSensorFuture, RATE_MEASUREMENT_TIME, Sample,
     SensorConfig, SensorDriver, SensorError, SensorHandle, SensorInfo, SharedPort,
 };
 use link::{ByteStreamHandle, Clock, SharedPorts, StreamRead};
@@ -222,7 +222,7 @@ impl SerialDriver {
                 break;
             }
         }
-        if unchanged_count >= MAX_CONSECUTIVE_SILENCES as usize && unchanged_count + 1 == times.len() {
+        if unchanged_count >= MAX_CONSECUTIVE_STALE_SAMPLES as usize && unchanged_count + 1 == times.len() {
             return Err(SensorError::CounterFrozen);
         }
         let span = times.first().zip(times.last()).map(|(first, last)| *last - *first);

@@ -13,16 +13,16 @@ impl DataFormat {
     /// Number of samples after which the counter restarts, if there is one.
     pub fn counter_modulus(&self) -> Option<u64> {
         match self {
-            Self::Line(layout) => layout.sample.counter_modulus(),
-            Self::Frame(layout) => layout.body_layout.sample.counter_modulus(),
+            Self::Line(layout) => layout.sample_layout.counter_modulus(),
+            Self::Frame(layout) => layout.body_layout.sample_layout.counter_modulus(),
         }
     }
 
     /// Number of counts after which the encoder's count restarts, if a sample carries it.
     pub fn encoder_modulus(&self) -> Option<u64> {
         match self {
-            Self::Line(layout) => layout.sample.encoder_modulus(),
-            Self::Frame(layout) => layout.body_layout.sample.encoder_modulus(),
+            Self::Line(layout) => layout.sample_layout.encoder_modulus(),
+            Self::Frame(layout) => layout.body_layout.sample_layout.encoder_modulus(),
         }
     }
 

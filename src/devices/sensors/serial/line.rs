@@ -92,24 +92,24 @@ pub(super) struct LineFormat {
     suffix: String,
     separator: Option<String>,
     column_count: Option<usize>,
-    pub sample: SampleLayout<LineColumn>,
+    pub sample_layout: SampleLayout<ColumnNumber>,
 }
 
 /// Number of a column, from 1.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct LineColumn(usize);
+pub(super) struct ColumnNumber(usize);
 
-impl LineColumn {
+impl ColumnNumber {
     fn text_in<'t>(self, columns: &[&'t str]) -> Option<&'t str> {
         columns.get(self.0 - 1).copied()
     }
 }
 
-impl NumberLocation for LineColumn {
+impl NumberLocation for ColumnNumber {
     type Data<'d> = &'d [&'d str];
     type Error = ();
     /// Column, and the text in it that makes the value invalid.
-    type Condition = (LineColumn, String);
+    type Condition = (ColumnNumber, String);
 
     fn read_number(self, columns: &[&str]) -> Result<f64, ()> {
         self.text_in(columns).and_then(parse_finite_number).ok_or(())
@@ -120,7 +120,7 @@ impl NumberLocation for LineColumn {
         number.map(i128::from).ok_or(())
     }
 
-    fn is_met((column, text): &(LineColumn, String), columns: &[&str]) -> bool {
+    fn is_met((column, text): &(ColumnNumber, String), columns: &[&str]) -> bool {
         column.text_in(columns) == Some(text)
     }
 }
@@ -151,9 +151,9 @@ impl LineFormat {
             return None;
         }
         // A line without the value's column is invalid, whatever its status is.
-        self.sample.value_location.text_in(&columns)?;
-        let decoded = self.sample.decode(&columns).ok()?;
-        let modulus = self.sample.counter_modulus().unwrap_or_default();
+        self.sample_layout.value_location.text_in(&columns)?;
+        let decoded = self.sample_layout.decode(&columns).ok()?;
+        let modulus = self.sample_layout.counter_modulus().unwrap_or_default();
         decoded.counter_value.is_none_or(|count| count < modulus).then_some(decoded)
     }
 
@@ -181,15 +181,15 @@ impl TryFrom<LineKeys> for LineFormat {
         check_scale(scale_mm, offset_mm)?;
         check_columns_are_distinct(&keys)?;
         let modulus = |name: &str, column, round| {
-            encoder_count::resolve_modulus(name, round, 64).map(|modulus| (LineColumn(column), modulus))
+            encoder_count::resolve_modulus(name, round, 64).map(|modulus| (ColumnNumber(column), modulus))
         };
         let counter = keys.counter.map(|k| modulus("counter", k.column, Some(k.round)));
         let encoder = keys.encoder_count.map(|k| modulus("encoder_count", k.column, k.round));
         let (counter, encoder) = (counter.transpose()?, encoder.transpose()?);
-        let value = LineColumn(keys.value.column);
+        let value = ColumnNumber(keys.value.column);
         let codes = keys.value.codes.into_iter();
         let codes = codes.map(|code| ((value, code.is), code.means.reading_flag()));
-        let status = keys.status.into_iter().map(|s| ((LineColumn(s.column), s.is), s.means.reading_flag()));
+        let status = keys.status.into_iter().map(|s| ((ColumnNumber(s.column), s.is), s.means.reading_flag()));
         let flags = codes.chain(status).collect();
         Ok(Self {
             line_end: keys.end.into_bytes(),
@@ -197,7 +197,7 @@ impl TryFrom<LineKeys> for LineFormat {
             suffix: keys.suffix,
             separator: keys.separator,
             column_count: keys.columns,
-            sample: SampleLayout {
+            sample_layout: SampleLayout {
                 value_location: value,
                 scale_mm,
                 offset_mm,

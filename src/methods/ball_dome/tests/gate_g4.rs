@@ -28,7 +28,7 @@ fn max_mean_and_stylus_of_variants(noise: impl FnMut() -> f64) -> Vec<(&'static 
     let (variants, lost) = compute_variants(&points, known.as_ref(), 0);
     assert_eq!((variants.len(), lost.len()), (7, 0), "{lost:?}");
     let result = |variant: &DomeVariant| {
-        let norms: Vec<f64> = variant.fit.deviations.iter().map(|d| d.norm() * 1e3).collect();
+        let norms: Vec<f64> = variant.certified_to_measured_fit.deviations.iter().map(|d| d.norm() * 1e3).collect();
         let largest = norms.iter().copied().fold(0.0, f64::max);
         let mean = norms.iter().sum::<f64>() / norms.len() as f64;
         println!("{}: {largest:.3} {mean:.3} µm, {:?}", variant.kind.name, variant.stylus.vector_mm);

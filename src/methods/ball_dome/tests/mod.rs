@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::BallDomeSettings;
 use super::design;
-use crate::ball_measurement::{BallCentre, MeasurementPass, ObservedBalls, TouchLabel};
+use crate::ball_measurement::{BallCentre, MeasurementPurpose, ObservedBalls, TouchLabel};
 use crate::samba::tests::reference_machine::{BcsAnglesRad, ReferenceMachine};
 use crate::samba::tests::{PAPER_TOOL_TIP_MM, built_in, csv_rows, paper_errors};
 use machine::Axis;
@@ -42,7 +42,7 @@ fn simulate_observed_balls(plan: &Plan, mut noise: impl FnMut() -> f64) -> Obser
             let id = setup.balls.balls[ball].id.clone();
             observed.centres.push(BallCentre {
                 label: TouchLabel {
-                    pass: MeasurementPass::Slow,
+                    purpose: MeasurementPurpose::Slow,
                     indexation_index: place as u32,
                     ball: id,
                     touch: "pole".into(),

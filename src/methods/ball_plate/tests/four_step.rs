@@ -74,7 +74,13 @@ fn four_steps_are_five_times_worse_with_missing_visits() {
 fn coefficient_difference_beyond_expanded_u_gives_a_warning() {
     let warning = |by: f64| {
         let symbol = "EXC_c2".to_owned();
-        LargestCoefficientDifference { symbol, unit: Unit::Um, difference: by, expanded: 0.3e-3 }.warning()
+        LargestCoefficientDifference {
+            symbol,
+            unit: Unit::Um,
+            difference: by,
+            coefficient_expanded_uncertainty: 0.3e-3,
+        }
+        .warning()
     };
     assert_eq!(warning(0.29e-3), None);
     let beyond = warning(0.31e-3).unwrap();

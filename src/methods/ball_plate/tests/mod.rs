@@ -26,7 +26,7 @@ impl PlateSimulation {
     fn stops(&self) -> Vec<TableStop> {
         let count = self.measuring_position_count * self.revolutions;
         let angle = |i: usize| TAU * i as f64 / self.measuring_position_count as f64;
-        (0..count).map(|i| TableStop { angle: angle(i), approach_direction: 1.0 }).collect()
+        (0..count).map(|i| TableStop { angle: angle(i), approach_sign: 1.0 }).collect()
     }
 
     fn radial_directions(&self) -> Vec<Vector3<f64>> {

@@ -91,8 +91,8 @@ fn near(found: f64, expected: f64) {
 
 const SYMBOLS: [&str; 3] = ["EX0C", "EY0C", "EA0C"];
 
-/// Two linear models with unit weights: the combination of their solutions is the solution of all readings together, and
-/// χ² is the increase of the sum of squares (Gauss–Markov).
+/// Two linear models with unit weights: the combination of their solutions is the solution of all readings together,
+/// and χ² is the increase of the sum of squares (Gauss–Markov).
 #[test]
 fn combination_equals_one_fit_of_all_readings() {
     let mut rng = seeded_stream(3, &[1]);
@@ -224,10 +224,10 @@ fn set_up_is_that_of_the_newest_run() {
 #[test]
 fn measured_ranges_cover_those_of_all_runs() {
     let mut runs = [1, 2].map(|number| TestRun::of_one_parameter(number, 5.0, 1.0));
-    runs[0].estimate.measured = [(Axis::X, [-100.0, 50.0]), (Axis::Y, [0.0, 1.0]), (Axis::Z, [0.0, 9.0])].into();
-    runs[1].estimate.measured = [(Axis::X, [-20.0, 80.0]), (Axis::Y, [5.0, 9.0])].into();
+    runs[0].estimate.measured_ranges = [(Axis::X, [-100.0, 50.0]), (Axis::Y, [0.0, 1.0]), (Axis::Z, [0.0, 9.0])].into();
+    runs[1].estimate.measured_ranges = [(Axis::X, [-20.0, 80.0]), (Axis::Y, [5.0, 9.0])].into();
     let expected = [(Axis::X, [-100.0, 80.0]), (Axis::Y, [5.0, 9.0]), (Axis::Z, [0.0, 9.0])].into();
-    assert_eq!(combine(&runs).unwrap().estimate.measured, expected);
+    assert_eq!(combine(&runs).unwrap().estimate.measured_ranges, expected);
 }
 
 /// A source that is declared as zero has no draws.

@@ -18,7 +18,7 @@ use machine::record::machine::{AxisSense, Machine};
 use machine::{Axis, Position};
 
 /// A stylus of exactly the stated length, on the axis of the spindle.
-const STATED: StatedStylusUncertainty = StatedStylusUncertainty { offset_mm: Some(0.0), length_mm: Some(0.0) };
+const STATED: StatedStylusUncertainty = StatedStylusUncertainty { offset_u_mm: Some(0.0), length_u_mm: Some(0.0) };
 const OPTIONS: ProposalOptions = ProposalOptions { with_insignificant_changes: false, max_change_mm: 0.5 };
 
 /// Position of the tip X, Y, Z, mm, and the angles of the tilting axis and of C in the sense of LinuxCNC, rad.
@@ -235,7 +235,7 @@ fn predicted_errors_before_and_after_are_those_of_the_true_machine() {
     let values: Vec<(&str, f64)> = values.iter().map(|(symbol, value)| (symbol.as_str(), *value)).collect();
     let values = [&values[..], &[("tool_z", tool.z)]].concat();
     let mut estimate = estimate_of("samba", &values, &["EX0B", "EZ0B", "EY0C"]);
-    estimate.measured.insert(Axis::Z, [-tool.z - 40.0, -tool.z + 60.0]);
+    estimate.measured_ranges.insert(Axis::Z, [-tool.z - 40.0, -tool.z + 60.0]);
     let pins = TrunnionPins { x_rot_point: 0.0, y_rot_point: 0.0, z_rot_point: 0.0, offset: 0.0, z_offset: 0.0 };
     let before = TrunnionKinematics { tilt: Axis::B, pins };
     let proposal = propose_for(&machine, STATED, before, &estimate).unwrap();
@@ -344,28 +344,28 @@ fn spindle_position_needs_a_stated_stylus() {
         let positions = propose_for(&machine, stylus, nominal_control(Axis::B), estimate).unwrap().positions;
         positions.into_iter().map(|position| position.kept.map(|refusal| refusal.remedy)).collect()
     };
-    let without_length = StatedStylusUncertainty { length_mm: None, ..STATED };
+    let without_length = StatedStylusUncertainty { length_u_mm: None, ..STATED };
     let [None, Some(_), None, Some(length)] = &kept(without_length, &estimate)[..] else { panic!() };
     assert!(length.contains("u_stylus_length_um"), "{length}");
-    let without_offset = StatedStylusUncertainty { offset_mm: None, ..STATED };
+    let without_offset = StatedStylusUncertainty { offset_u_mm: None, ..STATED };
     let [Some(x), Some(y), Some(_), None] = &kept(without_offset, &estimate)[..] else { panic!() };
     assert!(x.contains("stylus_offset_um") && y.contains("oriented spindle"), "{x} {y}");
     // An assumed value is not a statement.
     let probe = built_in_plan().probe;
     let assumed = ["probe.stylus_offset_um".to_owned()];
-    assert_eq!(StatedStylusUncertainty::new(&probe, &assumed).offset_mm, None);
-    assert!(StatedStylusUncertainty::new(&probe, &[]).offset_mm.is_some());
+    assert_eq!(StatedStylusUncertainty::new(&probe, &assumed).offset_u_mm, None);
+    assert!(StatedStylusUncertainty::new(&probe, &[]).offset_u_mm.is_some());
     // With an oriented spindle the stylus is separate from it, if the position of the spindle is identified.
     let mut oriented = estimate.clone();
-    oriented.measured.insert(Axis::S, [0.0, 270.0]);
+    oriented.measured_ranges.insert(Axis::S, [0.0, 270.0]);
     let [Some(x), Some(_), Some(_), None] = &kept(STATED, &oriented)[..] else { panic!() };
     assert!(x.contains("add EX0S and EY0S"), "{x}");
     let with_spindle = [&values[..], &[("EX0S", 10.0), ("EY0S", 20.0)]].concat();
     let mut oriented = estimate_of("samba", &with_spindle, &["EX0B", "EY0B", "EZ0B", "EZ0S"]);
-    oriented.measured.insert(Axis::S, [0.0, 270.0]);
+    oriented.measured_ranges.insert(Axis::S, [0.0, 270.0]);
     assert_eq!(kept(without_offset, &oriented), vec![None; 4]);
     // The stated uncertainties are in U, except where two positions differ.
-    let stated = StatedStylusUncertainty { offset_mm: Some(3e-3), length_mm: Some(4e-3) };
+    let stated = StatedStylusUncertainty { offset_u_mm: Some(3e-3), length_u_mm: Some(4e-3) };
     let proposal = propose_for(&machine, stated, nominal_control(Axis::B), &estimate).unwrap();
     let expected = |variances: &[f64]| 2.0 * variances.iter().map(|u| u * u).sum::<f64>().sqrt();
     let expanded: Vec<f64> = proposal.positions.iter().map(|position| position.expanded_mm.unwrap()).collect();
@@ -394,7 +394,7 @@ fn positions_that_the_readings_do_not_determine_are_refused() {
     assert!(refusal(&reversed).reason.contains("do not determine EX0C, EY0C"));
     assert!(ErrorPredictor::new(&machine, STATED, &reversed, WorkZero::TableOrigin).is_err());
     let mut tilted = of_c;
-    tilted.measured.insert(Axis::B, [90.0, 90.0]);
+    tilted.measured_ranges.insert(Axis::B, [90.0, 90.0]);
     assert!(refusal(&tilted).reason.contains("did not measure with B at 0"));
     let none = estimate_of("samba", &[("EA0C", 50.0)], &[]);
     assert!(refusal(&none).remedy.contains("EX0C"));

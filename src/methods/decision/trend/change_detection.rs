@@ -49,7 +49,8 @@ pub struct Change {
     /// Index of the last value certainly before the change, and of the first certainly after it.
     pub between: [usize; 2],
     /// Probability that random scatter explains as much of the scatter as this change.
-    pub chance: f64,
+    #[serde(rename = "chance")]
+    pub p_value: f64,
 }
 
 /// The changes in `points` (ordered), oldest first. The values after a step are evaluated separately from those before
@@ -181,6 +182,6 @@ fn change_from_candidate(all: &[CandidateChange], best: &CandidateChange, values
         expanded: coverage::coverage_factor(dof) * u,
         first: best.first_index,
         between: [before, after],
-        chance,
+        p_value: chance,
     }
 }

@@ -36,7 +36,7 @@ fn source_of_wrong_length_is_refused_with_its_name() {
 /// |x| of an x around zero has a half-normal distribution.
 fn magnitude_output() -> NonlinearOutputs {
     let values = |x: MatRef<'_, f64>| Mat::from_fn(x.nrows(), 1, |trial, _| x[(trial, 0)].abs());
-    let output = OutputParameter { symbol: "size".into(), unit: Unit::Um, value: 0.0, slope: None };
+    let output = OutputParameter { symbol: "size".into(), unit: Unit::Um, value: 0.0, linear_slope: None };
     NonlinearOutputs { outputs: vec![output], trial_values: Box::new(values) }
 }
 
@@ -118,7 +118,7 @@ fn trials_contradict_a_wrong_slope() {
     let plan = TrialSettings { seed: 1, trial_count: TrialCount::Fixed(10_000) };
     let mut identified = identify(&mean.solved_model_of_full_rank(&fit, true), &sources, outputs, Some(plan)).unwrap();
     assert!(identified.symbols_contradicted_by_trials().is_empty());
-    identified.outputs.linear_parameters[0].slope = Some(vec![0.1]);
+    identified.outputs.linear_parameters[0].linear_slope = Some(vec![0.1]);
     assert_eq!(identified.symbols_contradicted_by_trials(), ["x"]);
 }
 

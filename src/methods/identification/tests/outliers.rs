@@ -28,7 +28,7 @@ fn check_readings(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Ou
 /// Label and studentised residual of each outlier.
 fn find_outliers(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(String, f64)> {
     let outliers = check_readings(readings, has_declared_sizes, rows).outliers.into_iter();
-    outliers.map(|outlier| (outlier.candidates[0].label.clone(), outlier.t)).collect()
+    outliers.map(|outlier| (outlier.candidates[0].label.clone(), outlier.studentised_residual)).collect()
 }
 
 const READINGS_WITH_OUTLIER: [f64; 8] = [10.2, 9.7, 10.1, 9.9, 10.4, 9.8, 10.0, 14.0];

@@ -10,7 +10,7 @@ use crate::laser_r_test::parameter_selection::select_parameters;
 use crate::laser_r_test::setup::LaserSetup;
 use crate::laser_r_test::sphere_geometry;
 use crate::laser_r_test::sphere_model::{CentreObservation, MachineEquations, SphereModel, with_linear_axes};
-use estimation::schur::{BlockRows, factorise};
+use estimation::schur::{BlockRows, factorise_and_project_right_side};
 use machine::kinematics::KinematicChain;
 use machine::record::estimate::Estimate;
 use machine::{Axis, Position};
@@ -101,7 +101,7 @@ fn gate_g2_paper_columns_equal_those_of_the_chain() {
             }
         }
     }
-    let (factored, _) = factorise(vec![rows]);
+    let (factored, _) = factorise_and_project_right_side(vec![rows]);
     for (j, difference) in differences.iter().enumerate() {
         let rest = factored.residuals(difference);
         let worst = rest.iter().fold(0.0_f64, |worst, value| worst.max(value.abs()));

@@ -31,7 +31,7 @@ impl InterruptedRun {
         let (before, mut later): (Vec<_>, Vec<_>) =
             readings.into_iter().partition(|reading| reading.step < reference + 9);
         later.iter_mut().for_each(|reading| reading.t_s += INTERRUPTION_S);
-        plan.gaps_s.push(before.last().unwrap().t_s);
+        plan.interruption_times_s.push(before.last().unwrap().t_s);
         Self { plan, readings_before: before, readings_after: later }
     }
 
@@ -39,7 +39,7 @@ impl InterruptedRun {
     /// measurement.
     fn readings_of_repeated_references(&self, by: Vector3<f64>) -> Vec<Reading> {
         let step: &Step = self.plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap();
-        let mut t_s = self.plan.gaps_s[0] + INTERRUPTION_S / 2.0;
+        let mut t_s = self.plan.interruption_times_s[0] + INTERRUPTION_S / 2.0;
         let mut readings = Vec::new();
         for (round, seed) in [(0, 1), (1, 9)] {
             let world = table_5_machine(NOISE_UM, seed);

@@ -37,7 +37,7 @@ pub fn plan_without_steps() -> Plan {
         solids: Vec::deserialize(part("solid")).unwrap(),
         artefact: part("artefact").try_into().unwrap(),
         priors: Vec::new(),
-        gaps_s: Vec::new(),
+        interruption_times_s: Vec::new(),
         assumed: Vec::new(),
         compensations_active: Vec::new(),
         report: ReportData::default(),

@@ -53,7 +53,7 @@ fn wrong_index_is_found_with_a_lobed_artefact() {
             actual.index_angles_rad[n] += f64::to_radians(by_deg);
         }
         let check = check_layout(&planned, &simulated_harmonic_data(&world, &actual, 9), 1.0).unwrap();
-        let LayoutCheck::Faulty(LayoutFault::WrongIndex {
+        let LayoutCheck::Faulty(LayoutFault::WrongIndexAngle {
             first_index: first,
             affects_later_mountings: all,
             offset_deg,

@@ -16,7 +16,7 @@ pub fn two_section_layout(indexes: usize, turn: f64) -> ProbeLayout {
         section_z_mm: vec![20.0, 120.0],
         reference_z_mm: 0.0,
         index_angles_rad: (0..indexes).map(|n| (n as f64 * step).to_radians()).collect(),
-        axis: machine::Axis::C,
+        measured_axis: machine::Axis::C,
         turn_sign: turn,
     }
 }

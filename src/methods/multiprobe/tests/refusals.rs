@@ -1,6 +1,8 @@
 //! Refusals, and the alternatives that they name.
 
-use super::super::layout_checks::{check_harmonic_orders, check_sensor_angles, check_surfaces, describe_weak_points};
+use super::super::layout_checks::{
+    check_harmonic_orders, check_no_coinciding_sensors, check_surfaces, describe_weak_points,
+};
 use super::super::layout_prediction::{
     LAYOUT_RANKING_HARMONICS, SeparationMethod, noise_gain_by_order, rms_noise_gain, third_sensor_angles_and_gains,
 };
@@ -16,12 +18,12 @@ fn coinciding_and_opposed_sensors_are_refused() {
         ([0.0, 180.0, 90.0], "move 180°: "),
     ] {
         let layout = ProbeLayout::with_radial_sensors(&angles, 10);
-        let refused = check_sensor_angles(&layout, &[]).unwrap_err();
+        let refused = check_no_coinciding_sensors(&layout, &[]).unwrap_err();
         println!("{} | {}", refused.reason, refused.remedy);
         assert!(refused.remedy.starts_with(instead), "{}", refused.remedy);
         assert!(refused.reason.contains("coincide or are opposed"));
     }
-    assert!(check_sensor_angles(&two_section_layout(10, -1.0), &[]).is_ok());
+    assert!(check_no_coinciding_sensors(&two_section_layout(10, -1.0), &[]).is_ok());
 }
 
 #[test]

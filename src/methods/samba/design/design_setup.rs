@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::machine_information::{CandidateMeasurement, LengthBar, MachineInformation, OFFSET_AND_COORDINATE_UNIT_MM};
+use super::machine_information::{CandidateMeasurement, LengthBar, MachineInformation, REQUIRED_OFFSET_U_MM};
 use crate::MethodRefusal;
 use crate::ball_measurement::{
     MeasurementSetup, ball_index, describe_rotary_axes_in_degrees, require_balls, tilts_spindle,
@@ -18,9 +18,9 @@ use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 
 /// Required uncertainties of the machine's parameters at a noise of 1 µm (METHODS section 4, G4), in rad and
-/// mm/mm. The optimality criteria compare the parameters in these units and [`OFFSET_AND_COORDINATE_UNIT_MM`].
-const ANGLE_UNIT_RAD: f64 = 2e-6;
-const GAIN_UNIT: f64 = 2.5e-6;
+/// mm/mm. The optimality criteria compare the parameters in these units and [`REQUIRED_OFFSET_U_MM`].
+const REQUIRED_ANGLE_U_RAD: f64 = 2e-6;
+const REQUIRED_GAIN_U: f64 = 2.5e-6;
 /// Standard uncertainty of a coordinate of a ball centre if none is declared, mm.
 const DEFAULT_CENTRE_STD_U_MM: f64 = 1e-3;
 
@@ -73,7 +73,7 @@ impl<'a> DesignSetup<'a> {
         ball: &Ball,
     ) -> Result<CandidateMeasurement, MethodRefusal> {
         let derivatives = self.model.nominal_tip_derivatives(&self.position_at_ball(at, ball)?, self.tip);
-        let units = self.parameter_units().chain(std::iter::repeat(OFFSET_AND_COORDINATE_UNIT_MM));
+        let units = self.parameter_units().chain(std::iter::repeat(REQUIRED_OFFSET_U_MM));
         let scaled = derivatives.iter().zip(units).map(|(column, unit)| *column * unit / self.centre_u_mm());
         Ok(CandidateMeasurement { indexation_index: indexation, ball_index, scaled_derivatives: scaled.collect() })
     }
@@ -102,9 +102,9 @@ impl<'a> DesignSetup<'a> {
     /// Units of the machine's parameters.
     fn parameter_units(&self) -> impl Iterator<Item = f64> + '_ {
         self.model.parameters().iter().map(|parameter| match parameter.shape() {
-            ErrorShape::Gain => GAIN_UNIT,
-            _ if parameter.component().is_linear() => OFFSET_AND_COORDINATE_UNIT_MM,
-            _ => ANGLE_UNIT_RAD,
+            ErrorShape::Gain => REQUIRED_GAIN_U,
+            _ if parameter.component().is_linear() => REQUIRED_OFFSET_U_MM,
+            _ => REQUIRED_ANGLE_U_RAD,
         })
     }
 }

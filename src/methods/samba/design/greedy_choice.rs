@@ -111,7 +111,7 @@ impl GreedyChoice<'_> {
         let Some(candidate) = self.candidates.get(index) else { return false };
         let has_room = self.chosen_indexations.len() < self.settings.indexations;
         !self.chosen_indices.contains(&index)
-            && self.chosen_indices.len() < self.settings.balls
+            && self.chosen_indices.len() < self.settings.max_ball_measurements
             && (has_room || self.chosen_indexations.contains(&candidate.indexation_index))
     }
 
@@ -136,7 +136,7 @@ impl GreedyChoice<'_> {
             format!(
                 "the budget of {} ball measurements at {} indexations is too small: every ball must be measured at \
                 {MIN_VISITS_PER_BALL} indexations or more, which needs {min_measurements} measurements",
-                self.settings.balls, self.settings.indexations
+                self.settings.max_ball_measurements, self.settings.indexations
             ),
             "increase balls and indexations in [method.samba], or remove balls from [artefact]",
         )

@@ -8,7 +8,7 @@ use machine::Axis;
 
 /// Unit of linear errors, offsets and coordinates, mm: their required uncertainty at a noise of 1 µm (METHODS
 /// section 4, G4).
-pub const OFFSET_AND_COORDINATE_UNIT_MM: f64 = 0.8e-3;
+pub const REQUIRED_OFFSET_U_MM: f64 = 0.8e-3;
 /// Initial variance of the unknowns in their units, so large that it contributes no information.
 const INITIAL_VARIANCE: f64 = 1e6;
 
@@ -39,13 +39,13 @@ struct InverseInformation {
 /// Terms of the update of an inverse P by three rows W: P·Wᵀ, and I + W·P·Wᵀ.
 struct UpdateTerms {
     gain: Vec<Vector3<f64>>,
-    core: Matrix3<f64>,
+    innovation_covariance: Matrix3<f64>,
 }
 
 impl UpdateTerms {
     /// (I + W·P·Wᵀ)⁻¹. It exists because P is positive definite.
-    fn core_inverse(&self) -> Matrix3<f64> {
-        self.core.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
+    fn innovation_covariance_inverse(&self) -> Matrix3<f64> {
+        self.innovation_covariance.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     }
 }
 
@@ -61,13 +61,13 @@ impl InverseInformation {
         let along: Vec<Vector3<f64>> = rows.map(|row| row.iter().zip(columns).map(|(p, w)| *w * *p).sum()).collect();
         let parts = columns.iter().zip(&along).map(|(w, pw)| w * pw.transpose());
         let core = Matrix3::identity() + parts.sum::<Matrix3<f64>>();
-        UpdateTerms { gain: along, core }
+        UpdateTerms { gain: along, innovation_covariance: core }
     }
 
     /// Adds three rows, given as one column for each unknown (Woodbury identity).
     fn add_rows(&mut self, columns: &[Vector3<f64>]) {
         let effect = self.update_terms(columns);
-        let (along, solved) = (&effect.gain, effect.core_inverse());
+        let (along, solved) = (&effect.gain, effect.innovation_covariance_inverse());
         for (row, left) in self.entries.chunks_exact_mut(self.size).zip(along) {
             let left = solved * left;
             row.iter_mut().zip(along).for_each(|(entry, right)| *entry -= left.dot(right));
@@ -79,7 +79,7 @@ impl InverseInformation {
 #[derive(Debug, Clone)]
 pub struct MachineInformation {
     /// Number of machine parameters, which are the first unknowns.
-    parameter_count: usize,
+    machine_parameter_count: usize,
     /// Index of the first coordinate of each ball among the unknowns; `None`: the ball is eliminated.
     ball_unknowns: Vec<Option<usize>>,
     /// Number of measurements of each ball so far, and the mean of their columns.
@@ -88,7 +88,7 @@ pub struct MachineInformation {
     /// Inverse for tool and balls alone, with the machine known.
     inverse_without_machine: InverseInformation,
     /// Unit of a ball coordinate divided by the standard uncertainty of a centre.
-    ball_unit: f64,
+    ball_unit_per_centre_u: f64,
 }
 
 impl MachineInformation {
@@ -111,12 +111,12 @@ impl MachineInformation {
             }
         }
         let mut information = Self {
-            parameter_count: machine_count,
+            machine_parameter_count: machine_count,
             ball_unknowns,
             measurement_counts_and_means: vec![(0.0, vec![Vector3::zeros(); shared_count]); ball_count],
             inverse_with_machine: InverseInformation::new(size),
             inverse_without_machine: InverseInformation::new(size - machine_count),
-            ball_unit: OFFSET_AND_COORDINATE_UNIT_MM / centre_u_mm,
+            ball_unit_per_centre_u: REQUIRED_OFFSET_U_MM / centre_u_mm,
         };
         bars.iter().for_each(|bar| information.add_length(bar));
         information
@@ -124,7 +124,7 @@ impl MachineInformation {
 
     fn add_length(&mut self, bar: &LengthBar) {
         let mut columns = vec![Vector3::zeros(); self.inverse_with_machine.size];
-        let weight = OFFSET_AND_COORDINATE_UNIT_MM / bar.u_mm;
+        let weight = REQUIRED_OFFSET_U_MM / bar.u_mm;
         for (ball, sign) in bar.ball_indices.into_iter().zip([-1.0, 1.0]) {
             let Some(slot) = self.ball_unknowns.get(ball).copied().flatten() else { continue };
             for (column, part) in columns.iter_mut().skip(slot).zip(&bar.direction) {
@@ -136,7 +136,7 @@ impl MachineInformation {
 
     fn add_rows(&mut self, columns: &[Vector3<f64>]) {
         self.inverse_with_machine.add_rows(columns);
-        self.inverse_without_machine.add_rows(columns.get(self.parameter_count..).unwrap_or_default());
+        self.inverse_without_machine.add_rows(columns.get(self.machine_parameter_count..).unwrap_or_default());
     }
 
     /// The three rows (X, Y, Z) that the measurement adds, as one column for each unknown. For an eliminated
@@ -153,7 +153,7 @@ impl MachineInformation {
         };
         columns.resize(self.inverse_with_machine.size, Vector3::zeros());
         if let Some(slot) = slot {
-            let axes = Axis::LINEAR.map(|axis| -self.ball_unit * axis.nominal_direction());
+            let axes = Axis::LINEAR.map(|axis| -self.ball_unit_per_centre_u * axis.nominal_direction());
             columns.iter_mut().skip(slot).zip(axes).for_each(|(column, to)| *column = to);
         }
         columns
@@ -166,13 +166,14 @@ impl MachineInformation {
         let full = self.inverse_with_machine.update_terms(&columns);
         match criterion {
             OptimalityCriterion::D => {
-                let partial =
-                    self.inverse_without_machine.update_terms(columns.get(self.parameter_count..).unwrap_or_default());
-                full.core.determinant().ln() - partial.core.determinant().ln()
+                let partial = self
+                    .inverse_without_machine
+                    .update_terms(columns.get(self.machine_parameter_count..).unwrap_or_default());
+                full.innovation_covariance.determinant().ln() - partial.innovation_covariance.determinant().ln()
             }
             OptimalityCriterion::A => {
-                let solved = full.core_inverse();
-                full.gain.iter().take(self.parameter_count).map(|along| along.dot(&(solved * *along))).sum()
+                let solved = full.innovation_covariance_inverse();
+                full.gain.iter().take(self.machine_parameter_count).map(|along| along.dot(&(solved * *along))).sum()
             }
         }
     }

@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 pub use self::design_setup::DesignSetup;
 use self::greedy_choice::{MIN_VISITS_PER_BALL, choose_measurements};
 use self::machine_information::CandidateMeasurement;
-use super::settings::Design as DesignKind;
+use super::settings::DesignKind;
 use crate::MethodRefusal;
 use crate::ball_measurement::{
     BallVisit, describe_rotary_axes_in_degrees, list_indexations, order_balls_in_xy, order_visits,

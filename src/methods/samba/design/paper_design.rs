@@ -93,12 +93,12 @@ pub fn paper_visits(setup: &DesignSetup<'_>, candidates: &DesignCandidates) -> R
         )));
     }
     while count(&visits) > BALL_MEASUREMENT_COUNT {
-        remove_most_measured_ball(&mut visits);
+        remove_redundant_measurement(&mut visits);
     }
     Ok(visits)
 }
 
-fn remove_most_measured_ball(visits: &mut [BallVisit]) {
+fn remove_redundant_measurement(visits: &mut [BallVisit]) {
     let mut counts = vec![0_usize; visits.iter().flat_map(|v| &v.ball_indices).max().map_or(0, |b| b + 1)];
     for ball in visits.iter().flat_map(|visit| &visit.ball_indices) {
         counts[*ball] += 1;

@@ -1,7 +1,7 @@
 //! Measurements that are impossible are refused with a reason before the first motion.
 
 use super::tests::rumba_plan;
-use crate::samba::settings::{Design, SambaSettings, SpindleOrientMode};
+use crate::samba::settings::{DesignKind, SambaSettings, SpindleOrientMode};
 use crate::samba::tests::machine;
 use crate::samba::{Method, NextStage, PositionSource, RegisteredMethod, Samba};
 use machine::Axis;
@@ -69,7 +69,7 @@ fn indexations_outside_the_limits_are_refused() {
     (b.min, b.max) = (-45.0, 100.0);
     let asked = SambaSettings { tilt_deg: vec![-60.0, 0.0, 60.0], ..SambaSettings::default() };
     assert_refused(&narrow, asked, &["B at -60°", "[-45, 100]"]);
-    let paper = SambaSettings { design: Design::Paper, ..SambaSettings::default() };
+    let paper = SambaSettings { design: DesignKind::Paper, ..SambaSettings::default() };
     assert_refused(&narrow, paper, &["does not reach B-90"]);
     // The defaults are restricted to the limits of the axis.
     let answer = Samba::new(SambaSettings::default()).next_stage(&narrow, &[], PositionSource::Measured(&[]));
@@ -123,7 +123,7 @@ fn senseless_settings_are_refused() {
     let plan = rumba_plan(&SambaSettings::default());
     let unknown = SambaSettings { parameters: vec!["EX0Q".into()], ..SambaSettings::default() };
     assert_refused(&plan, unknown, &["`EX0Q` is not an error parameter"]);
-    let poor = SambaSettings { balls: 17, ..SambaSettings::default() };
+    let poor = SambaSettings { max_ball_measurements: 17, ..SambaSettings::default() };
     assert_refused(&plan, poor, &["budget of 17 ball", "18 measurements"]);
     let short = SambaSettings { minutes: 2.0, ..SambaSettings::default() };
     assert_refused(&plan, short, &["minutes = 2 is too short"]);

@@ -5,7 +5,7 @@ use faer::linalg::solvers::DenseSolveCore;
 
 use super::{DesignCandidates, DesignSetup, design_visits, rank_check};
 use crate::ball_measurement::{BallVisit, describe_rotary_axes_in_degrees, visits_machine_time_s};
-use crate::samba::settings::{Design as DesignKind, OptimalityCriterion, SambaSettings};
+use crate::samba::settings::{DesignKind, OptimalityCriterion, SambaSettings};
 use crate::samba::tests::{built_in, machine};
 use estimation::linear_least_squares::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
 use machine::record::artefact::{Artefact, Ball, Balls, CertifiedLength};
@@ -56,7 +56,7 @@ pub fn rumba_plan(settings: &SambaSettings) -> Plan {
         solids: Vec::new(),
         artefact: Artefact::Balls(rumba_balls()),
         priors: Vec::new(),
-        gaps_s: Vec::new(),
+        interruption_times_s: Vec::new(),
         assumed: Vec::new(),
         compensations_active: Vec::new(),
         report: ReportData::default(),

@@ -9,16 +9,16 @@ use super::reference_machine::BcsAnglesRad;
 use crate::ball_measurement::BallVisit;
 use crate::samba::SambaSettings;
 use crate::samba::design::{DesignSetup, design_visits};
-use crate::samba::settings::{Design, OptimalityCriterion};
+use crate::samba::settings::{DesignKind, OptimalityCriterion};
 use machine::Axis;
 use machine::record::plan::{PLAN_VERSION, Plan};
 use machine::record::report_data::ReportData;
 
 /// The default design.
-pub const D_OPTIMAL_DESIGN: (Design, OptimalityCriterion) = (Design::Optimal, OptimalityCriterion::D);
+pub const D_OPTIMAL_DESIGN: (DesignKind, OptimalityCriterion) = (DesignKind::Optimal, OptimalityCriterion::D);
 /// The designs that a user can select.
-pub const ALL_DESIGNS: [(Design, OptimalityCriterion); 3] =
-    [D_OPTIMAL_DESIGN, (Design::Optimal, OptimalityCriterion::A), (Design::Paper, OptimalityCriterion::D)];
+pub const ALL_DESIGNS: [(DesignKind, OptimalityCriterion); 3] =
+    [D_OPTIMAL_DESIGN, (DesignKind::Optimal, OptimalityCriterion::A), (DesignKind::Paper, OptimalityCriterion::D)];
 
 /// The plan of the machine file `config/samba.toml`.
 pub fn built_in_plan() -> Plan {
@@ -43,7 +43,7 @@ pub fn plan_from_machine_file(file: &str, method: &str) -> Plan {
         solids: Vec::deserialize(part("solid")).unwrap(),
         artefact: part("artefact").try_into().unwrap(),
         priors: Vec::new(),
-        gaps_s: Vec::new(),
+        interruption_times_s: Vec::new(),
         assumed: Vec::new(),
         compensations_active: Vec::new(),
         report: ReportData::default(),
@@ -51,12 +51,12 @@ pub fn plan_from_machine_file(file: &str, method: &str) -> Plan {
     }
 }
 
-pub fn settings((design, criterion): (Design, OptimalityCriterion)) -> SambaSettings {
+pub fn settings((design, criterion): (DesignKind, OptimalityCriterion)) -> SambaSettings {
     SambaSettings { design, criterion, ..SambaSettings::default() }
 }
 
 /// The design in measuring order.
-pub fn cached_visits(kind: (Design, OptimalityCriterion)) -> &'static [BallVisit] {
+pub fn cached_visits(kind: (DesignKind, OptimalityCriterion)) -> &'static [BallVisit] {
     static VISITS_OF_DESIGN: [OnceLock<Vec<BallVisit>>; ALL_DESIGNS.len()] =
         [const { OnceLock::new() }; ALL_DESIGNS.len()];
     let index = ALL_DESIGNS.iter().position(|known| *known == kind).unwrap();
@@ -76,7 +76,7 @@ pub fn d_optimal_measurements_with_turns(turn_deg: &[f64]) -> Vec<(BcsAnglesRad,
 }
 
 /// The measurements of the design, one after the other: B, C, S in rad, and the index of the ball from 0.
-pub fn design_measurements(kind: (Design, OptimalityCriterion)) -> Vec<(BcsAnglesRad, usize)> {
+pub fn design_measurements(kind: (DesignKind, OptimalityCriterion)) -> Vec<(BcsAnglesRad, usize)> {
     let all = measurements_of_visits(cached_visits(kind));
     assert_eq!((cached_visits(kind).len(), all.len()), (32, 109));
     all

@@ -116,7 +116,7 @@ fn a_step_at_an_interruption_is_within_the_uncertainty() {
     for (stop, signs) in [(60, [1.0, 1.0, 1.0]), (30, [1.0, -1.0, 1.0]), (85, [-1.0, 1.0, 1.0])] {
         let stop = 5 * stop;
         let gap_s = readings[stop].t_s;
-        let plan = Plan { gaps_s: vec![gap_s], ..plan.clone() };
+        let plan = Plan { interruption_times_s: vec![gap_s], ..plan.clone() };
         let mut stepped = readings.clone();
         for reading in &mut stepped[stop + 1..] {
             for (axis, sign) in Axis::LINEAR.into_iter().zip(signs) {
@@ -139,6 +139,6 @@ fn a_step_at_an_interruption_is_within_the_uncertainty() {
         assert!(ex0c.budget.iter().any(|line| line.source == "steps at interruptions"));
     }
     // Nothing was measured after the interruption, so there is no step.
-    let plan = Plan { gaps_s: vec![readings.last().unwrap().t_s], ..plan };
+    let plan = Plan { interruption_times_s: vec![readings.last().unwrap().t_s], ..plan };
     assert_eq!(identify(&plan, &settings_with_2000_trials(), &readings).unwrap(), sound);
 }

@@ -11,11 +11,11 @@ use super::{BAR_LENGTH_MM, PAPER_TOOL_TIP_MM, machine, paper_ball_centres, paper
 use crate::samba::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues};
 use crate::samba::geometry_model::GeometryModel;
 use crate::samba::geometry_solution::{describe_undetermined, unknown_names};
-use crate::samba::settings::{Design, OptimalityCriterion};
+use crate::samba::settings::{DesignKind, OptimalityCriterion};
 use estimation::linear_least_squares::RankAnalysis;
 use estimation::null_space_names::name_null_space;
 use estimation::random::seeded_stream;
-use estimation::schur::factorise;
+use estimation::schur::factorise_and_project_right_side;
 use machine::record::artefact::{Ball, Balls};
 use machine::{Axis, Position};
 use testing::population::{population_size, sd_ratio_bounds};
@@ -37,7 +37,7 @@ fn rotary_position([b, c, s]: BcsAnglesRad) -> Position {
     Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s)
 }
 
-type DesignAndCriterion = (Design, OptimalityCriterion);
+type DesignAndCriterion = (DesignKind, OptimalityCriterion);
 
 /// A design measured on the machine of the paper's table 2, with and without bar and spindle orientation.
 fn simulate_design_measurement(
@@ -85,8 +85,10 @@ fn nominal_tool() -> Vector3<f64> {
 fn analyse_design_rank(kind: DesignAndCriterion, has_bar: bool, orients_spindle: bool) -> (RankAnalysis, Vec<String>) {
     let (problem, measured) = simulate_design_measurement(kind, has_bar, orients_spindle);
     let start = problem.initial_values(&measured);
-    let survey =
-        factorise(problem.row_blocks(&start, &problem.noise_free_observations(&start))).0.analyse_rank().unwrap();
+    let survey = factorise_and_project_right_side(problem.row_blocks(&start, &problem.noise_free_observations(&start)))
+        .0
+        .analyse_rank()
+        .unwrap();
     let named = |(i, centre): (usize, Vector3<f64>)| Ball {
         id: (i + 1).to_string(),
         centre_mm: centre.into(),
@@ -145,7 +147,10 @@ fn inseparable_added_errors_are_named() {
         let problem = problem.with_model(model);
         let start = problem.initial_values(&measured);
         let survey =
-            factorise(problem.row_blocks(&start, &problem.noise_free_observations(&start))).0.analyse_rank().unwrap();
+            factorise_and_project_right_side(problem.row_blocks(&start, &problem.noise_free_observations(&start)))
+                .0
+                .analyse_rank()
+                .unwrap();
         let mut names: Vec<String> = parameters.iter().map(ToString::to_string).collect();
         names.extend(["tool_x", "tool_y", "tool_z"].map(str::to_owned));
         names.extend((0..18).map(|i| format!("ball_{}", i / 3 + 1)));
@@ -258,7 +263,7 @@ fn check_scatter(kind: DesignAndCriterion, problem: &GeometryProblem, exact: &Ob
 fn row_blocks_match_differences_of_the_residuals() {
     let (problem, measured) = simulate_design_measurement(D_OPTIMAL_DESIGN, true, true);
     let x = problem.solve(&measured, problem.initial_values(&measured)).unwrap().x;
-    let (factored, _) = factorise(problem.row_blocks(&x, &measured));
+    let (factored, _) = factorise_and_project_right_side(problem.row_blocks(&x, &measured));
     let mut jacobian = Mat::zeros(problem.row_count(), x.len());
     for j in 0..x.len() {
         let h = if j < 13 && x[j].abs() < 1e-3 { 1e-5 } else { 1e-2 };

@@ -151,7 +151,7 @@ impl SimulatedMeasurement {
             solids: Vec::new(),
             artefact: Artefact::Balls(balls),
             priors: Vec::new(),
-            gaps_s: Vec::new(),
+            interruption_times_s: Vec::new(),
             assumed: Vec::new(),
             compensations_active: Vec::new(),
             report: ReportData::default(),

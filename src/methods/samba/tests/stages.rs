@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::ball_measurement::{MeasurementPass, SearchMode, TouchLabel};
+use crate::ball_measurement::{MeasurementPurpose, SearchMode, TouchLabel};
 use crate::samba::design::tests::{rumba_balls, rumba_plan};
 use crate::samba::settings::SambaSettings;
 use crate::samba::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod, Samba};
@@ -99,7 +99,7 @@ fn continue_run(
 }
 
 fn small_design_settings() -> SambaSettings {
-    SambaSettings { balls: 30, indexations: 10, ..SambaSettings::default() }
+    SambaSettings { max_ball_measurements: 30, indexations: 10, ..SambaSettings::default() }
 }
 
 #[test]
@@ -111,13 +111,13 @@ fn stages_search_and_measure_each_ball_and_repeat_the_references() {
     // Every ball is searched for first, and measured at three or more indexations.
     let labels: Vec<TouchLabel> = played.steps.iter().map(|step| step.label.parse().unwrap()).collect();
     for ball in rumba_balls().balls {
-        let of = |pass: MeasurementPass| {
-            let mine = labels.iter().filter(move |l| l.pass == pass && l.touch == "pole");
+        let of = |pass: MeasurementPurpose| {
+            let mine = labels.iter().filter(move |l| l.purpose == pass && l.touch == "pole");
             mine.filter(|l| l.ball == ball.id).count()
         };
-        assert!(of(MeasurementPass::Slow) >= 3 && of(MeasurementPass::Find) >= 3, "ball {}", ball.id);
+        assert!(of(MeasurementPurpose::Slow) >= 3 && of(MeasurementPurpose::Find) >= 3, "ball {}", ball.id);
     }
-    let slow = labels.iter().filter(|l| l.pass == MeasurementPass::Slow).count();
+    let slow = labels.iter().filter(|l| l.purpose == MeasurementPurpose::Slow).count();
     assert_eq!(slow, 5 * 30);
     // Once all balls are found, proofs use their found positions.
     let last = done.last().unwrap().found.clone().unwrap();
@@ -162,7 +162,7 @@ fn without_readings_the_plan_has_the_same_stages() {
 
 #[test]
 fn find_once_searches_each_ball_once() {
-    let settings = SambaSettings { find: SearchMode::Once, ..small_design_settings() };
+    let settings = SambaSettings { ball_search_mode: SearchMode::Once, ..small_design_settings() };
     let shop = SimulatedMachine::new(&rumba_plan(&settings));
     let (played, _, _) = play_run(&settings, &shop).unwrap();
     let finds = played.steps.iter().filter(|step| step.label.starts_with("find/")).count();
@@ -174,7 +174,8 @@ fn find_once_searches_each_ball_once() {
 fn dirty_measurement_is_repeated_once_and_then_holds_the_run() {
     let settings = small_design_settings();
     let mut shop = SimulatedMachine::new(&rumba_plan(&settings));
-    let dirty = |label: &TouchLabel| label.pass == MeasurementPass::Slow && label.ball == "3" && label.touch == "-45";
+    let dirty =
+        |label: &TouchLabel| label.purpose == MeasurementPurpose::Slow && label.ball == "3" && label.touch == "-45";
     shop.dirt = Box::new(move |label, repeat| if dirty(label) && repeat == 0 { 0.06 } else { 0.0 });
     let (played, done, readings) = play_run(&settings, &shop).unwrap();
     let again: Vec<&Stage> = done.iter().filter(|stage| stage.repeat == 1).collect();
@@ -220,9 +221,9 @@ fn ball_far_from_its_stated_position_is_refused() {
 fn moved_ball_holds_the_run_and_is_searched_again_on_resume() {
     let settings = small_design_settings();
     let mut shop = SimulatedMachine::new(&rumba_plan(&settings));
-    shop.dirt = Box::new(|label, _| match (label.pass, label.ball.as_str(), label.touch.as_str()) {
-        (MeasurementPass::Find, "3", "+45") if label.indexation_index > 5 => 0.8,
-        (MeasurementPass::Find, "3", "-135") if label.indexation_index > 5 => -0.8,
+    shop.dirt = Box::new(|label, _| match (label.purpose, label.ball.as_str(), label.touch.as_str()) {
+        (MeasurementPurpose::Find, "3", "+45") if label.indexation_index > 5 => 0.8,
+        (MeasurementPurpose::Find, "3", "-135") if label.indexation_index > 5 => -0.8,
         _ => 0.0,
     });
     let mut played = (rumba_plan(&settings), Vec::new(), Vec::new());
@@ -231,11 +232,11 @@ fn moved_ball_holds_the_run_and_is_searched_again_on_resume() {
     assert!(refused.remedy.contains("resume the run, which measures the ball again"));
     // The run does not continue unless the operator resumes it.
     assert!(continue_run(&settings, &shop, &mut played).is_err());
-    played.0.gaps_s.push(played.2.last().unwrap().t_s);
+    played.0.interruption_times_s.push(played.2.last().unwrap().t_s);
     shop.dirt = Box::new(|_, _| 0.0);
     continue_run(&settings, &shop, &mut played).unwrap();
     let again: Vec<&Stage> = played.1.iter().filter(|stage| stage.repeat == 1).collect();
     assert_eq!(again.len(), 1);
     let label = |id: &u32| played.0.steps[*id as usize].label.parse::<TouchLabel>().unwrap();
-    assert!(again[0].steps.iter().map(label).all(|l| l.ball == "3" && l.pass == MeasurementPass::Find));
+    assert!(again[0].steps.iter().map(label).all(|l| l.ball == "3" && l.purpose == MeasurementPurpose::Find));
 }

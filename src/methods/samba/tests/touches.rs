@@ -31,7 +31,7 @@ fn solve_trial_by_centres_and_by_touches(solved: &GeometrySolution<'_>, trial: u
             touch.axis_positions_mm += touch.normal * (deviation * TOUCH_NOISE_STD_MM);
         }
     }
-    touched.refit_spheres(&problem.motion_matrices(&minimum.x)).unwrap();
+    touched.refit_spheres(&problem.commanded_to_actual_motion_matrices(&minimum.x)).unwrap();
     let touches = observed_values(&touched, &solved.balls.lengths);
     let whole = problem.solve(&touches, minimum.x.clone()).unwrap();
     [NonlinearFit { equation: &equation, minimum }.unknowns_for_changed_observations(&change), whole.x]

@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 use faer::Mat;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::super::fit::{Fit, FitWithSensitivity};
-use super::super::model::{Observation, UnknownsLayout};
+use super::super::fit::{FitWithSensitivity, SelfCalibrationFit};
+use super::super::model::{RadiusObservation, UnknownsLayout};
 use super::super::outputs::{axis_position_coefficients, build_outputs};
 use super::RoundPart;
 use crate::identification::{
@@ -23,7 +23,7 @@ const TOUCH_SIGMA_MM: f64 = 1e-3;
 const STYLUS_OFFSET_STD_U_MM: f64 = 2e-3;
 
 /// The fit of an eccentric part, touched with noise of the standard deviation `noise_mm`.
-fn noisy_fit(noise_mm: f64, with_second_order: bool) -> Fit {
+fn noisy_fit(noise_mm: f64, with_second_order: bool) -> SelfCalibrationFit {
     let design = AngleGridDesign { angle_count: 8, probe_angle_indices: vec![0, 1, 2] };
     let part = RoundPart { contact_radius_mm: 48.0, centre: [1.5, -0.8], axis: [0.05, -0.03] };
     let mut noise = StandardNormal.sample_iter(seeded_stream(2, &[8]));
@@ -32,7 +32,7 @@ fn noisy_fit(noise_mm: f64, with_second_order: bool) -> Fit {
         let deviation: f64 = noise.next().unwrap();
         let radius =
             part.measured_radius_mm(design.grid_angle_rad(c), design.grid_angle_rad(phi)) + noise_mm * deviation;
-        Observation {
+        RadiusObservation {
             step_id: 0,
             height_index: 0,
             c_index: c,
@@ -43,15 +43,15 @@ fn noisy_fit(noise_mm: f64, with_second_order: bool) -> Fit {
             relative_time: 0.0,
         }
     });
-    let observations: Vec<Observation> = observations.collect();
+    let observations: Vec<RadiusObservation> = observations.collect();
     let sigma = vec![TOUCH_SIGMA_MM; observations.len()];
     let layout = UnknownsLayout { design, height_count: 1, drift_order: 0, interruption_times: Vec::new() };
-    Fit::new(layout, observations, sigma, with_second_order).unwrap()
+    SelfCalibrationFit::new(layout, observations, sigma, with_second_order).unwrap()
 }
 
 /// A touch of [`TOUCH_SIGMA_MM`] and a stylus offset in X that does not contribute to the residuals.
-fn touch_and_stylus_sources(fit: &Fit) -> [UncertaintySource; 2] {
-    let along_x = |seen: &Observation| {
+fn touch_and_stylus_sources(fit: &SelfCalibrationFit) -> [UncertaintySource; 2] {
+    let along_x = |seen: &RadiusObservation| {
         STYLUS_OFFSET_STD_U_MM * (TAU * seen.phi_index as f64 / fit.layout.design.angle_count as f64).cos()
     };
     let offset = ObservationEffect::Joint(vec![fit.observations.iter().map(along_x).collect()]);
@@ -65,7 +65,7 @@ fn touch_and_stylus_sources(fit: &Fit) -> [UncertaintySource; 2] {
     ]
 }
 
-fn identify_fit(fit: &Fit, has_declared_sizes: bool, trials: Option<TrialSettings>) -> Identification {
+fn identify_fit(fit: &SelfCalibrationFit, has_declared_sizes: bool, trials: Option<TrialSettings>) -> Identification {
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().map(|residual| residual / TOUCH_SIGMA_MM).collect();
     let (model, figures) = (&FitWithSensitivity::new(fit), fit.quality_of_fit(&residuals));

@@ -58,8 +58,8 @@ impl HoldLog {
 }
 
 /// Whether the hold `audit` gets its own line; otherwise it is counted.
-pub fn gets_own_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, stopped: HoldEffect) -> bool {
-    let run = (stopped == HoldEffect::RunHeld).then_some(audit.run);
+pub fn gets_own_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, effect: HoldEffect) -> bool {
+    let run = (effect == HoldEffect::RunHeld).then_some(audit.run);
     if app.hold_log.is_first_hold_of_run(&audit.machine, run, Instant::now()) || !caller.counts_hold_beyond_log_rate() {
         return true;
     }

@@ -21,10 +21,10 @@ pub struct ResumeRequest {
     #[serde(default)]
     why: String,
     /// This person confirms that the path is free (`free`), and that the probe or sensor is undamaged (`whole`).
-    #[serde(default)]
-    free: bool,
-    #[serde(default)]
-    whole: bool,
+    #[serde(rename = "free", default)]
+    is_path_free: bool,
+    #[serde(rename = "whole", default)]
+    is_probe_undamaged: bool,
     /// Whether all axes are homed; required where the control may have lost its position.
     #[serde(default)]
     homed: bool,
@@ -33,7 +33,7 @@ pub struct ResumeRequest {
 /// Resume a held run. The caller confirms the state of the machine.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/resume", operation_id = "resume", params(("name" = String, Path)), request_body = ResumeRequest, responses((status = ACCEPTED, body = MachineStatus)))]
 pub async fn resume_held_run(action: ActionRequest<ResumeRequest>) -> Result<Response, Problem> {
-    let ResumeRequest { run, ref who, ref why, free, whole, homed } = action.body;
+    let ResumeRequest { run, ref who, ref why, is_path_free, is_probe_undamaged, homed } = action.body;
     let (who, why, run) = (action.caller.audit_name(who)?, truncate_reason(why), RunId(run));
     let machine = &action.machine;
     let stored = action.app.read_journal(move |journal| journal.load_run(run)).await??;
@@ -42,7 +42,7 @@ pub async fn resume_held_run(action: ActionRequest<ResumeRequest>) -> Result<Res
     }
     let can_resume = can_resume(&stored.plan, &stored.readings);
     let resumable_run = ResumableRun::from_stored(stored)?;
-    if !(free && whole) {
+    if !(is_path_free && is_probe_undamaged) {
         return Err(not_confirmed_problem(&format!(
             "the run can resume ({})",
             resumable_run.resume_question().question_text

@@ -234,7 +234,8 @@ pub struct ComparisonSchema {
     /// Sources of uncertainty that have the same value in both runs: they cancel in `differences`.
     common_sources: Vec<String>,
     /// Other differences between the runs, in words.
-    besides: Vec<String>,
+    #[schema(rename = "besides")]
+    other_differences: Vec<String>,
 }
 
 #[cfg(test)]
@@ -320,7 +321,7 @@ mod tests {
             differences: vec![by],
             functions: vec![function],
             common_sources: vec![text()],
-            besides: vec![text()],
+            other_differences: vec![text()],
         });
     }
 

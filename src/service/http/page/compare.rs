@@ -15,7 +15,8 @@ use crate::service::http::problem::Problem;
 use methods::decision::function_difference::FunctionDifference;
 
 pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPair>) -> Result<Html<String>, Problem> {
-    let RunComparison { runs, differences, functions, common_sources, besides } = compare_pair(&app, pair).await?;
+    let RunComparison { runs, differences, functions, common_sources, other_differences: besides } =
+        compare_pair(&app, pair).await?;
     render_page(
         "compare.html",
         app.access.requires_tokens,

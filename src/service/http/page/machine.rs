@@ -12,7 +12,7 @@ use minijinja::{Value, context};
 use super::{compensation, run_drawings, schedule, sensors, trends};
 use super::{machine_page_path, render_page, render_template, row_of_run_on};
 use crate::archive::history::machine_history;
-use crate::report::result_row::{ResultRow, RunContext, headline, result_rows, verdict_class};
+use crate::report::result_row::{ResultRow, RunContext, headline_rows, result_rows, verdict_class};
 use crate::report::time::format_local_time;
 use crate::run::{can_resume, resume_question};
 use crate::service::config::StartInterlock;
@@ -99,24 +99,24 @@ pub fn status_values(machine: &ServedMachine) -> Value {
     let shows_values = !matches!(class, "busy" | "held") && result.is_some_and(|r| !r.outdated);
     let newest = machine.gate.machine_state().newest_runs;
     let rows = newest.newest_result.as_ref().filter(|_| shows_values).map(rows_of_newest_result).unwrap_or_default();
-    let parameters = headline(&rows);
+    let parameters = headline_rows(&rows);
     let cycles = status.cycles.iter();
     let cycles = cycles.map(|c| context! { number => c.number, method => c.method.as_str() });
     context! {
         name => status.name.as_str(),
         state => status.state,
         run => status.run,
-        late => status.late,
+        late => status.is_worker_late,
         not_identified => status.not_identified,
         stage => status.stage.as_str(),
         step => status.step.as_str(),
         progress_percent => status.progress_percent,
-        measured => status.measured,
+        measured => status.measured_step_count,
         refusal => status.refusal.as_deref(),
         failure => status.failure.as_ref().map(|RunFailure { what, remedy }| context! { what, remedy }),
         cycles => cycles.collect::<Vec<_>>(),
         result => result.map(|newest| context! { run => newest.run, at => format_local_time(newest.measured) }),
-        asked => status.asked.as_ref().map(|asked| context! {
+        asked => status.open_prompt.as_ref().map(|asked| context! {
             step => asked.step,
             repeat => asked.repeat,
             text => asked.text.as_str(),
@@ -146,11 +146,11 @@ fn rows_of_newest_result(newest: &FinishedRunResult) -> Vec<ResultRow> {
 /// CSS class and text of the state that must be readable from a distance.
 fn state_class_and_text(status: &MachineStatus, result: Option<&NewestResult>) -> (&'static str, &'static str) {
     match (status.state, result) {
-        _ if status.late => ("none", "unknown: the service makes no progress"),
-        ("held", _) if status.elsewhere => ("held", "held: another program uses the machine"),
+        _ if status.is_worker_late => ("none", "unknown: the service makes no progress"),
+        ("held", _) if status.is_locked_by_other_process => ("held", "held: another program uses the machine"),
         ("starting", _) => ("none", "unknown: the service is starting"),
         ("ending", _) => ("none", "unknown: the service is ending"),
-        ("running", _) if status.asked.is_some() => ("held", "waiting: a prompt is open"),
+        ("running", _) if status.open_prompt.is_some() => ("held", "waiting: a prompt is open"),
         ("running", _) => ("busy", "measuring"),
         ("held", _) => ("held", "held: inspect the machine"),
         (_, _) if status.not_identified.is_some() => ("none", "unknown: the newest run is not identified"),
@@ -200,7 +200,7 @@ mod tests {
     fn page_of_a_hung_worker_shows_state_unknown_and_no_run_values() {
         let ((gate, _asks), verdict_validity) = (CommandGate::for_tests(), Duration::from_secs(3600));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
-        let machine_file = Arc::new(MachineFile::embedded_for("self-calibration").unwrap());
+        let machine_file = Arc::new(MachineFile::built_in_for_method("self-calibration").unwrap());
         let (required_interlocks, live_part) = (demand, Arc::default());
         let machine = ServedMachine {
             name,
@@ -218,7 +218,7 @@ mod tests {
         });
         let page = || {
             let values = context! { machine => status_values(&machine), views => () };
-            (MachineStatus::from_machine(&machine).late, render_template("live.html", values).ok().unwrap().0)
+            (MachineStatus::from_machine(&machine).is_worker_late, render_template("live.html", values).ok().unwrap().0)
         };
         let (late, lives) = page();
         assert!(!late && lives.contains("touch 18") && lives.contains("time left"), "{lives}");

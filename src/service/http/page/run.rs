@@ -14,7 +14,7 @@ use crate::archive::run_story::{
     describe_events_with_times, describe_record_warnings, describe_run_end, describe_signatures, in_local_time,
 };
 use crate::report::residuals::{residual_figure_values, residual_figures};
-use crate::report::result_row::{ResultRow, RunContext, not_passed, result_rows};
+use crate::report::result_row::{ResultRow, RunContext, result_rows, rows_not_passed};
 use crate::report::time::format_local_time;
 use crate::report::{figure_values, has_location_errors, temperature};
 use crate::service::http::AppState;
@@ -93,7 +93,7 @@ fn estimate_values(estimate: &Estimate) -> Value {
         is_judged => rows.iter().any(|row| row.verdict.is_some()),
         main => Serde(&main),
         details => Serde(&details),
-        not_passed => Serde(&not_passed(&rows)),
+        not_passed => Serde(&rows_not_passed(&rows)),
         has_location_errors => has_location_errors(estimate),
         warnings => estimate.warnings.clone(),
     }

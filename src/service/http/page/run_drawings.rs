@@ -31,7 +31,7 @@ pub fn views_of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Prob
 struct StepMark {
     /// CSS class: `done`, `now` or `next`.
     css_class: &'static str,
-    path: Vec<Vector3<f64>>,
+    path_in_table_mm: Vec<Vector3<f64>>,
 }
 
 fn progress_views(progress: &RunProgress) -> Option<Value> {
@@ -57,7 +57,10 @@ fn step_marks(progress: &RunProgress) -> Option<Vec<StepMark>> {
         (false, true) => "done",
         (false, false) => "next",
     };
-    let mark = |step: &Step| StepMark { css_class: class(step.id), path: step_path(plan, &chain, step) };
+    let mark = |step: &Step| StepMark {
+        css_class: class(step.id),
+        path_in_table_mm: step_path_in_table_mm(plan, &chain, step),
+    };
     // The current step is drawn last, on top of the others.
     let mut marks: Vec<StepMark> = motion_steps(plan).map(mark).collect();
     marks.sort_by_key(|mark| mark.css_class == "now");
@@ -69,8 +72,8 @@ fn current_step(progress: &RunProgress) -> Option<&Step> {
     progress.plan.steps.iter().find(|step| step.id == current)
 }
 
-/// Deviation of the last touch from the nominal surface of the artefact, outward, mm; `None` for a scan. It contains the
-/// position errors of the artefact and of the axes.
+/// Deviation of the last touch from the nominal surface of the artefact, outward, mm; `None` for a scan. It contains
+/// the position errors of the artefact and of the axes.
 fn last_deviation_mm(progress: &RunProgress) -> Option<f64> {
     let RunProgress { plan, last_reading, .. } = progress;
     let touch = last_reading.as_ref().filter(|reading| reading.value_mm.is_none())?;
@@ -110,7 +113,7 @@ fn next_step_without_reading(
 }
 
 /// Path of the stylus ball, or of the zero point of a sensor in the spindle, table frame, mm.
-fn step_path(plan: &Plan, chain: &KinematicChain, step: &Step) -> Vec<Vector3<f64>> {
+fn step_path_in_table_mm(plan: &Plan, chain: &KinematicChain, step: &Step) -> Vec<Vector3<f64>> {
     let mut in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
     let sensor = in_spindle.find(|sensor| sensor.name == step.first_sensor());
     let [x, y, z] = sensor.map_or(plan.machine.tool_mm, |sensor| sensor.zero_mm);
@@ -126,7 +129,7 @@ fn drawing_bounds(marks: &[StepMark], bodies: &[BodyShape]) -> [Vector3<f64>; 2]
     let reach = |body: &BodyShape, sign: f64| {
         Vector3::from(Axis::LINEAR.map(|axis| sign * body.max_extent_along(sign * axis.nominal_direction())))
     };
-    let path_points = marks.iter().flat_map(|mark| mark.path.iter().copied());
+    let path_points = marks.iter().flat_map(|mark| mark.path_in_table_mm.iter().copied());
     let ends = bodies.iter().flat_map(|body| [reach(body, -1.0), reach(body, 1.0)]);
     path_points
         .chain(ends)
@@ -150,8 +153,8 @@ fn projection_values(name: &str, up_index: usize, marks: &[StepMark], bodies: &[
         bodies => bodies.iter().map(|body| body_outline(*body, up_index)).collect::<Vec<_>>(),
         marks => marks.iter().map(|mark| context! {
             class => mark.css_class,
-            at => mark.path.first().map(|at| flat(*at).map(format_mm)),
-            way => (mark.path.len() > 1).then(|| polyline_points(mark.path.iter().map(|at| flat(*at)))),
+            at => mark.path_in_table_mm.first().map(|at| flat(*at).map(format_mm)),
+            way => (mark.path_in_table_mm.len() > 1).then(|| polyline_points(mark.path_in_table_mm.iter().map(|at| flat(*at)))),
         }).collect::<Vec<_>>(),
     }
 }
@@ -196,7 +199,7 @@ mod tests {
     fn both_views_show_all_bodies_at_one_scale() {
         let (from, to, radius) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 30.0), 10.0);
         let bodies = [BodyShape::Cylinder { from, to, radius }];
-        let marks = [StepMark { css_class: "now", path: vec![Vector3::new(15.0, 0.0, 12.0)] }];
+        let marks = [StepMark { css_class: "now", path_in_table_mm: vec![Vector3::new(15.0, 0.0, 12.0)] }];
         let [above, side] = VIEW_NAMES_AND_UP_INDEXES.map(|(name, up)| projection_values(name, up, &marks, &bodies));
         let text = |view: &Value, attribute: &str| view.get_attr(attribute).unwrap().to_string();
         assert_eq!(text(&above, "frame"), "-14.90 -17.40 34.80 34.80");

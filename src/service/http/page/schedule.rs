@@ -13,9 +13,9 @@ const MAX_SHOWN_SLOTS: usize = 5;
 
 /// Template values of the schedule's panel; `None` if the machine has no schedule.
 pub fn schedule_values(agenda: &Agenda) -> Option<Value> {
-    let Agenda { planned, armed, last } = agenda;
+    let Agenda { planned, last_armings: armed, newest_slots: last } = agenda;
     let now = Timestamp::now();
-    let counts = |arming: &&Arming| arming.ended.is_none() && arming.broken.is_none() && arming.until > now;
+    let counts = |arming: &&Arming| arming.ended.is_none() && arming.broken_by_run.is_none() && arming.until > now;
     let armed_for = |cycle: u16| armed.iter().filter(counts).find(|arming| arming.cycle == cycle);
     (!planned.is_empty()).then(|| {
         context! {

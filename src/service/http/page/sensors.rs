@@ -11,7 +11,7 @@ use machine::record::watched_sensors::{LiveCrossSectionValue, LiveSensorValue, L
 
 /// Part of the page with the sensor values; the script reloads it with each new value.
 pub async fn sensors_part(machine: ServedMachine) -> Result<Html<String>, Problem> {
-    let live = MachineStatus::from_machine(&machine).asked.and_then(|asked| asked.live);
+    let live = MachineStatus::from_machine(&machine).open_prompt.and_then(|asked| asked.live);
     render_template("sensors.html", context! { live => live.as_ref().map(live_values) })
 }
 

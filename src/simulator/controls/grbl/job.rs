@@ -22,7 +22,7 @@ impl Firmware {
             self.alarm_lock = Some(AlarmLock::Unlockable);
             return self.send_ok();
         }
-        if self.executor.start_job(job, self.time_since_start) {
+        if self.executor.start_job_and_check_brush(job, self.time_since_start) {
             self.record_fault(FaultKind::RapidContact);
         }
     }

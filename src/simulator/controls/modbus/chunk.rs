@@ -45,7 +45,7 @@ impl Firmware {
     }
 
     /// Bytes of the chunk, or the error code for which it is refused.
-    fn acceptable_chunk_bytes(&self, checked_before: u16) -> Result<Vec<u8>, u16> {
+    fn acceptable_chunk_bytes(&self, previous_sequence: u16) -> Result<Vec<u8>, u16> {
         if self.operating_state != OperatingState::Ready || self.is_moving() {
             return Err(ERROR_BUSY);
         }
@@ -54,7 +54,7 @@ impl Firmware {
         }
         let is_acknowledged = match &self.resident_program {
             Some(resident) => !resident.result_slot.is_pending,
-            None => self.holding_registers[ACKNOWLEDGE_REGISTER] == checked_before,
+            None => self.holding_registers[ACKNOWLEDGE_REGISTER] == previous_sequence,
         };
         if !is_acknowledged {
             return Err(ERROR_NOT_ACKNOWLEDGED);

@@ -32,8 +32,8 @@ pub struct Fault {
     #[serde(default)]
     pub at_request: u64,
     /// Minimum number of accepted chunks before the fault occurs.
-    #[serde(default)]
-    pub at_line: u64,
+    #[serde(rename = "at_line", default)]
+    pub min_accepted_chunks: u64,
     /// Minimum number of contacts before the fault occurs.
     #[serde(default)]
     pub after_touch: u64,
@@ -99,23 +99,26 @@ pub enum FaultKind {
     /// A write of the hold register is confirmed but ignored.
     LostHold,
     /// The heartbeat stops; the program continues.
-    HeartbeatStands,
+    #[serde(rename = "heartbeat-stands")]
+    HeartbeatStopped,
     /// From now on each contact gets the time stamp `WRONG_STAMP_S`.
     WrongStamp,
     /// A resident program shows the previous result once more, as valid.
     StaleResult,
     /// A resident program ignores the acknowledgement of a result.
-    RepeatedResult,
+    #[serde(rename = "repeated-result")]
+    AcknowledgeIgnored,
     /// A resident program counts a result that it never shows.
     SkippedResult,
     /// A resident program starts once more where it should end.
-    StartedTwice,
+    #[serde(rename = "started-twice")]
+    ProgramRestartedAtEnd,
 }
 
 impl FaultKind {
     /// Additional faults of a resident program.
     pub const PROGRAM_ONLY: [FaultKind; 4] =
-        [Self::StaleResult, Self::RepeatedResult, Self::SkippedResult, Self::StartedTwice];
+        [Self::StaleResult, Self::AcknowledgeIgnored, Self::SkippedResult, Self::ProgramRestartedAtEnd];
 
     /// Whether the fault applies to a resident program only.
     pub fn is_program_only(self) -> bool {
@@ -124,7 +127,7 @@ impl FaultKind {
 
     /// Whether the fault is recorded when it takes effect, not when it is due.
     fn is_recorded_later(self) -> bool {
-        matches!(self, Self::ForeignBody | Self::RapidContact | Self::SkippedResult | Self::StartedTwice)
+        matches!(self, Self::ForeignBody | Self::RapidContact | Self::SkippedResult | Self::ProgramRestartedAtEnd)
     }
 
     /// Whether the fault can affect this request.
@@ -167,7 +170,7 @@ impl Firmware {
             self.resident_program.as_ref().is_some_and(|resident| resident.previous_result_slot.is_some());
         let due = |fault: &Fault| {
             fault.at_request <= request_count
-                && fault.at_line <= accepted_chunk_count
+                && fault.min_accepted_chunks <= accepted_chunk_count
                 && fault.after_touch <= contact_count
                 && fault.kind.affects(request)
                 && (fault.kind != FaultKind::StaleResult || has_previous_result)
@@ -231,7 +234,7 @@ impl Firmware {
     fn apply_control_fault(&mut self, kind: FaultKind, fault: &Fault) {
         match kind {
             FaultKind::ProgramStopped => self.frozen_status_block = Some(self.status_block()),
-            FaultKind::HeartbeatStands => self.frozen_heartbeat_value = Some(self.heartbeat_count()),
+            FaultKind::HeartbeatStopped => self.frozen_heartbeat_value = Some(self.heartbeat_count()),
             FaultKind::WrongStamp => self.has_wrong_stamp = true,
             FaultKind::PowerCycle => self.power_cycle(),
             FaultKind::Alarm => self.raise_alarm(fault.code.map_or(DEFAULT_ALARM_CODE, u16::from)),
@@ -253,9 +256,9 @@ impl Firmware {
         }
         let Some(resident) = &mut self.resident_program else { return };
         match kind {
-            FaultKind::RepeatedResult => resident.ignores_next_result_acknowledge = true,
+            FaultKind::AcknowledgeIgnored => resident.ignores_next_result_acknowledge = true,
             FaultKind::SkippedResult => resident.skips_next_result = true,
-            FaultKind::StartedTwice => resident.restarts_at_end = true,
+            FaultKind::ProgramRestartedAtEnd => resident.restarts_at_end = true,
             _ => {}
         }
     }

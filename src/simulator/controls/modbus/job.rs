@@ -19,7 +19,7 @@ impl Firmware {
                 let heartbeat_deadline = self.last_heartbeat_change_time.unwrap_or_default() + HEARTBEAT_TIMEOUT;
                 if heartbeat_deadline < end_time && heartbeat_deadline <= now {
                     self.time_since_power_up = heartbeat_deadline;
-                    self.hold(HOLD_REASON_HEARTBEAT_LOST);
+                    self.stop_and_hold(HOLD_REASON_HEARTBEAT_LOST);
                 } else if end_time <= now {
                     self.time_since_power_up = end_time;
                     self.finish_active_job();
@@ -58,7 +58,7 @@ impl Firmware {
         if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
             return self.raise_alarm(ALARM_PROBE_CLOSED);
         }
-        if self.executor.start_job(job, self.time_since_power_up) {
+        if self.executor.start_job_and_check_brush(job, self.time_since_power_up) {
             self.record_event(ControlEvent::FaultOccurred(FaultKind::RapidContact));
         }
     }
@@ -112,7 +112,7 @@ impl Firmware {
     }
 
     /// Stops the machine where it is and discards the remaining motion.
-    pub(super) fn hold(&mut self, reason: u16) {
+    pub(super) fn stop_and_hold(&mut self, reason: u16) {
         if self.operating_state == OperatingState::Ready {
             self.stop_at_current_position();
             self.operating_state = OperatingState::Held(reason);

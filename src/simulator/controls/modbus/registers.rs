@@ -119,7 +119,7 @@ impl Firmware {
         }
         if self.holding_registers[HOLD_REGISTER] != 0 && range.contains(&HOLD_REGISTER) {
             self.record_event(ControlEvent::HoldRegisterWritten);
-            self.hold(0);
+            self.stop_and_hold(0);
         }
         Ok(())
     }

@@ -57,7 +57,7 @@ pub(super) struct ResultSlot {
 #[derive(Debug, Default)]
 pub(super) struct SimulatedResidentProgram {
     rows: Vec<TableRow>,
-    step_number: u32,
+    plan_step_number: u32,
     /// Current row, from 1; 0: none.
     pub current_row_number: usize,
     pub result_slot: ResultSlot,
@@ -89,12 +89,12 @@ impl SimulatedResidentProgram {
     }
 
     /// The current row.
-    fn executing_row(&self) -> Option<&TableRow> {
+    fn current_row(&self) -> Option<&TableRow> {
         self.current_row_number.checked_sub(1).and_then(|index| self.rows.get(index))
     }
 
     fn is_current_row_touch(&self) -> bool {
-        self.executing_row().is_some_and(|row| row.kind == RowKind::Touch)
+        self.current_row().is_some_and(|row| row.kind == RowKind::Touch)
     }
 
     /// Advances to the next row; returns whether there is one.
@@ -129,7 +129,7 @@ impl Firmware {
         let step = u32::from(*high) << 16 | u32::from(*low);
         let descriptions: Vec<String> = rows.iter().map(describe_row).collect();
         if let Some(resident) = &mut self.resident_program {
-            (resident.rows, resident.step_number, resident.current_row_number) = (rows, step, 1);
+            (resident.rows, resident.plan_step_number, resident.current_row_number) = (rows, step, 1);
         }
         Ok(format!("step {step}: {}", descriptions.join("; ")))
     }
@@ -143,7 +143,7 @@ impl Firmware {
     /// Starts the current row; `false` where no row can start now.
     pub(super) fn start_current_row(&mut self) -> bool {
         let Some(resident) = &self.resident_program else { return false };
-        let (Some(row), step) = (resident.executing_row().cloned(), resident.step_number) else { return false };
+        let (Some(row), step) = (resident.current_row().cloned(), resident.plan_step_number) else { return false };
         if row.kind == RowKind::Touch && resident.result_slot.is_pending {
             // The slot holds a result that is not acknowledged.
             return false;
@@ -167,7 +167,7 @@ impl Firmware {
     /// probing move.
     pub(super) fn finish_row(&mut self, contact: Option<bool>) {
         let Some(resident) = &self.resident_program else { return };
-        let Some(row) = resident.executing_row() else { return };
+        let Some(row) = resident.current_row() else { return };
         let ends = matches!((row.kind, contact), (RowKind::Guarded, Some(true)) | (RowKind::Touch, Some(false)));
         if row.kind == RowKind::Feed && self.executor.is_probe_closed() {
             return self.raise_alarm(super::ALARM_PROBE_STILL_CLOSED);
@@ -180,7 +180,7 @@ impl Firmware {
             resident.stop();
         } else if !resident.advance_to_next_row() && std::mem::take(&mut resident.restarts_at_end) {
             resident.current_row_number = 1;
-            self.record_event(ControlEvent::FaultOccurred(FaultKind::StartedTwice));
+            self.record_event(ControlEvent::FaultOccurred(FaultKind::ProgramRestartedAtEnd));
         }
     }
 

@@ -264,7 +264,7 @@ async fn contact_during_a_rapid_stops_it() {
     let error = driver.execute(prove_block(&MotionBlock { step: 0, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 0 }), "{error}");
     tokio::time::sleep(Duration::from_millis(1500)).await;
-    let at = world.lock().unwrap().position().get_or_zero(Axis::X);
+    let at = world.lock().unwrap().displayed_position().get_or_zero(Axis::X);
     assert!(at < 300.0, "{at}");
     assert_eq!(*happened.lock().unwrap(), [FaultKind::RapidContact]);
 }
@@ -285,19 +285,19 @@ async fn machine_moved_between_two_blocks_gets_no_motion() {
     driver.execute(prove_block(&touch_block(0))).await.unwrap();
     let by_hand = position(&[(Axis::Y, 0.05)]);
     world.lock().unwrap().travel(&by_hand, Speed::Rapid);
-    let before = world.lock().unwrap().position();
+    let before = world.lock().unwrap().displayed_position();
     let error = driver.execute(prove_block(&touch_block(1))).await.unwrap_err();
     let told = "the machine was moved by hand: it is at Y0.050, not at Y0.000";
     assert_eq!(error.to_string(), format!("the control is not ready: {told}"));
     // The error may occur when there is no run to resume.
     assert!(!error.remedy().contains("resume"), "{}", error.remedy());
-    assert_eq!(world.lock().unwrap().position(), before);
+    assert_eq!(world.lock().unwrap().displayed_position(), before);
 }
 
 #[tokio::test]
 async fn block_for_other_start_or_transmission_is_not_executed() {
     let (mut driver, _, world) = prepared_driver_in_world(SimulationPace::Immediate).await;
-    let before = world.lock().unwrap().position();
+    let before = world.lock().unwrap().displayed_position();
     let axes: Vec<Axis> = testing::five_axis_machine().axes.keys().copied().collect();
     let dialect = load_dialect("grbl").unwrap();
     let lines = TransmissionForm::Lines { max_line_bytes: usize::MAX };
@@ -309,7 +309,7 @@ async fn block_for_other_start_or_transmission_is_not_executed() {
     let block = prove_block_text(&touch_block(0), &axes, &dialect, &TransmissionForm::TableRows).unwrap();
     let error = driver.execute(block).await.unwrap_err();
     assert!(matches!(error, ControllerError::WrongTransmission { step: 0 }), "{error}");
-    assert_eq!(world.lock().unwrap().position(), before);
+    assert_eq!(world.lock().unwrap().displayed_position(), before);
 }
 
 #[tokio::test]

@@ -28,7 +28,7 @@ fn driver_with_short_timeouts(link: LineLink) -> (GrblDriver, HaltHandle) {
     let timeouts = GrblTimeouts {
         reply_timeout: Duration::from_millis(300),
         poll_interval: Duration::from_millis(20),
-        alarm_detail_timeout: Duration::from_millis(100),
+        follow_up_timeout: Duration::from_millis(100),
         stall_timeout: Duration::from_secs(2),
     };
     (driver.with_timeouts(timeouts), halt)
@@ -260,11 +260,11 @@ async fn only_a_back_off_is_executed_in_contact() {
     driver.prepare_in_contact().await.unwrap();
     let refused = driver.execute(guarded()).await;
     assert!(matches!(refused, Err(ControllerError::ProbeStillClosed { step: 3 })), "{refused:?}");
-    assert!((world.lock().unwrap().position().get_or_zero(Axis::X) - 26.5).abs() < 1e-9);
+    assert!((world.lock().unwrap().displayed_position().get_or_zero(Axis::X) - 26.5).abs() < 1e-9);
     driver.prepare_in_contact().await.unwrap();
     let closed = driver.execute(out(27.5)).await;
     assert!(matches!(closed, Err(ControllerError::ProbeStillClosed { step: 3 })), "{closed:?}");
-    assert!((world.lock().unwrap().position().get_or_zero(Axis::X) - 27.5).abs() < 1e-9);
+    assert!((world.lock().unwrap().displayed_position().get_or_zero(Axis::X) - 27.5).abs() < 1e-9);
     driver.prepare_in_contact().await.unwrap();
     driver.execute(out(28.5)).await.unwrap();
     driver.execute(guarded()).await.unwrap();
@@ -424,7 +424,7 @@ async fn lost_hold_is_repeated_until_the_machine_is_at_rest() {
 #[tokio::test]
 async fn halt_stops_a_slow_move_of_the_simulated_machine() {
     let (mut driver, halt, world) = prepared_driver_in_world(SimulationPace::RealTime).await;
-    let before = world.lock().unwrap().position();
+    let before = world.lock().unwrap().displayed_position();
     // 90 mm at 10 mm/min: nine minutes without a hold.
     let to = position(&[(Axis::Z, -90.0)]);
     let block = MotionBlock { step: 0, repeat: 0, motions: vec![Motion::Guarded { to, feed_mm_min: 10.0 }] };
@@ -433,7 +433,7 @@ async fn halt_stops_a_slow_move_of_the_simulated_machine() {
     halt.trigger();
     let (outcome, _driver) = running.await.unwrap();
     assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
-    let after = world.lock().unwrap().position();
+    let after = world.lock().unwrap().displayed_position();
     assert!((before.get_or_zero(Axis::Z) - after.get_or_zero(Axis::Z)).abs() < 1.0);
 }
 

@@ -273,7 +273,7 @@ async fn a_control_that_was_reset_is_not_ready_until_it_is_homed() {
 #[tokio::test]
 async fn modes_changed_by_hand_are_set_again_and_the_first_ones_restored() {
     let (mut driver, _) = driver_with_sent_text(ready_grbl_options());
-    driver.connection.start_session().await.unwrap();
+    driver.connection.synchronize_and_read_status().await.unwrap();
     driver.connection.send_line("G55 G90").await.unwrap();
     driver.prepare().await.unwrap();
     driver.connection.send_line("G54 G91 G20").await.unwrap();

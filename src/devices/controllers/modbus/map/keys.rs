@@ -88,11 +88,11 @@ struct ResultKeys {
 /// Defaults that differ between the window for lines and the window of a resident program.
 struct WindowDefaults {
     chunk_register_count: u16,
-    tail_address: u16,
+    sequence_tail_address: u16,
 }
 
-const LINE_WINDOW_DEFAULTS: WindowDefaults = WindowDefaults { chunk_register_count: 100, tail_address: 44 };
-const PROGRAM_WINDOW_DEFAULTS: WindowDefaults = WindowDefaults { chunk_register_count: 328, tail_address: 49 };
+const LINE_WINDOW_DEFAULTS: WindowDefaults = WindowDefaults { chunk_register_count: 100, sequence_tail_address: 44 };
+const PROGRAM_WINDOW_DEFAULTS: WindowDefaults = WindowDefaults { chunk_register_count: 328, sequence_tail_address: 49 };
 
 const WINDOW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 /// Default address of the first latched position, and of the first position; two registers for each axis.
@@ -180,8 +180,8 @@ impl CommandKeys {
             sequence: self.sequence.register(1, NumberType::U16),
             heartbeat: self.heartbeat.register(2, NumberType::U16),
             result_acknowledge: self.acknowledge.register(3, NumberType::U16),
-            crc: self.crc.register(4, NumberType::U16),
-            length: self.length.register(5, NumberType::U16),
+            chunk_crc: self.crc.register(4, NumberType::U16),
+            chunk_length: self.length.register(5, NumberType::U16),
             chunk: ChunkRegisters {
                 address: self.chunk.address.unwrap_or(6),
                 register_count: self.chunk.registers.unwrap_or(defaults.chunk_register_count),
@@ -208,7 +208,7 @@ impl WindowStatusKeys {
         Ok(StatusRegisters {
             space: self.space.unwrap_or(RegisterSpace::Input),
             sequence_head: self.sequence_head.register(0, NumberType::U16),
-            version: self.version.register(1, NumberType::U16),
+            window_version: self.version.register(1, NumberType::U16),
             state: self.state.register(2, NumberType::U16),
             alarm_code: self.alarm.register(3, NumberType::U16),
             checked_sequence: self.accepted.register(4, NumberType::U16),
@@ -222,7 +222,7 @@ impl WindowStatusKeys {
             latch_time_s: self.latch_time_s.register(16, NumberType::F64),
             latched_position: axis_registers("latch", self.latch, DEFAULT_LATCH_ADDRESS)?,
             position: axis_registers("position", self.position, DEFAULT_POSITION_ADDRESS)?,
-            sequence_tail: self.sequence_tail.register(defaults.tail_address, NumberType::U16),
+            sequence_tail: self.sequence_tail.register(defaults.sequence_tail_address, NumberType::U16),
             result: None,
         })
     }

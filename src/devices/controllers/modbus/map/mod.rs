@@ -41,8 +41,8 @@ pub(super) struct CommandRegisters {
     pub sequence: Register,
     pub heartbeat: Register,
     pub result_acknowledge: Register,
-    pub crc: Register,
-    pub length: Register,
+    pub chunk_crc: Register,
+    pub chunk_length: Register,
     pub chunk: ChunkRegisters,
 }
 
@@ -51,7 +51,7 @@ pub(super) struct CommandRegisters {
 pub(super) struct StatusRegisters {
     pub space: RegisterSpace,
     pub sequence_head: Register,
-    pub version: Register,
+    pub window_version: Register,
     pub state: Register,
     pub alarm_code: Register,
     pub checked_sequence: Register,
@@ -136,8 +136,8 @@ impl CommandRegisters {
             ("sequence", self.sequence),
             ("heartbeat", self.heartbeat),
             ("acknowledge", self.result_acknowledge),
-            ("crc", self.crc),
-            ("length", self.length),
+            ("crc", self.chunk_crc),
+            ("length", self.chunk_length),
         ];
         let items = items.map(|(name, register)| (name, register.address, register.register_count()));
         items.into_iter().chain([("chunk", self.chunk.address, self.chunk.register_count)]).collect()
@@ -155,7 +155,7 @@ impl StatusRegisters {
     fn register_names_addresses_and_counts(&self) -> Vec<(String, u16, u16)> {
         let items = [
             ("sequence_head", self.sequence_head),
-            ("version", self.version),
+            ("version", self.window_version),
             ("state", self.state),
             ("alarm", self.alarm_code),
             ("accepted", self.checked_sequence),

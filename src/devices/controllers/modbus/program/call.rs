@@ -12,7 +12,7 @@ use crate::controllers::modbus::driver::ModbusDriver;
 use crate::controllers::modbus::fault::{ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED};
 use crate::controllers::modbus::status::{ProgramRowResult, WindowStatus};
 use crate::controllers::modbus::window::{RunningChunk, WindowConnection, sequence_after};
-use crate::controllers::motion_lines::{MAX_ORIENT_TIME, to_duration};
+use crate::controllers::motion_lines::{MAX_ORIENT_TIME, duration_or_zero};
 use machine::record::motion::{Motion, MotionBlockOutcome};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
@@ -123,7 +123,7 @@ impl ModbusDriver {
             };
             let active_row = usize::from(slot.active_row_number).checked_sub(1);
             let row = active_row.and_then(|row| rows.get(row));
-            if status.is_probe_closed && row.is_some_and(|row| row.is_free_move) {
+            if status.is_probe_closed && row.is_some_and(|row| row.is_positioning_move) {
                 // The machine may still be moving, and does not stop by itself.
                 self.window.send_hold();
                 return Err(ControllerError::UnexpectedContact { step });
@@ -244,7 +244,7 @@ fn spindle_orientation_rad(motion: &Motion) -> Option<f64> {
 /// Maximum time for which the machine may be at rest within a call.
 fn planned_standstill_time(rows: &[ProgramRow]) -> Duration {
     let rest_times = rows.iter().map(|row| match row.action {
-        RowAction::Dwell => to_duration(row.feed_dwell_or_angle),
+        RowAction::Dwell => duration_or_zero(row.feed_dwell_or_angle),
         RowAction::OrientSpindle => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     });

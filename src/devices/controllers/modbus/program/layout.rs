@@ -17,7 +17,7 @@ const ROW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::
 const DEFAULT_POSITION_SCALE: f64 = 0.0001;
 const DEFAULT_VALUE_SCALE: f64 = 0.001;
 /// Largest difference between a number in registers and the number in the text, in the text's units.
-const ROUNDING_TOLERANCE: f64 = 1e-6;
+const MAX_REGISTER_ROUNDING_ERROR: f64 = 1e-6;
 
 /// Keys of `[controller.program.parameters]`: addresses count from the chunk's first register.
 #[derive(Debug, Default, Deserialize)]
@@ -159,7 +159,7 @@ impl ParameterLayout {
         // Compares each number with the one that the control will read.
         for (register, value) in &items {
             let read = register.decode_from_block(&words, 0).map_err(|error: RegisterValueError| error.to_string())?;
-            if (read - value).abs() > ROUNDING_TOLERANCE {
+            if (read - value).abs() > MAX_REGISTER_ROUNDING_ERROR {
                 return Err(format!(
                     "the registers would contain {read} instead of {value} in the program text: set a finer \
                      `scale` or another `type`"

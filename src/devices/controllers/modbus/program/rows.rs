@@ -28,7 +28,7 @@ pub(super) struct ProgramRow {
     pub feed_dwell_or_angle: f64,
     /// Whether a contact during the move is a fault: `true` for rapid and feed moves. A guarded move reports its own
     /// contact; a back-off begins in contact.
-    pub is_free_move: bool,
+    pub is_positioning_move: bool,
 }
 
 /// Returns the rows of `block`: the motions as the proof has read them.
@@ -61,7 +61,12 @@ fn row_from_motion(motion: &Motion, read: &ReadMotion) -> Result<ProgramRow, Str
     };
     let value = value.ok_or_else(|| format!("line {} has no feed", read.line))?;
     let is_free_move = matches!(motion, Motion::Rapid { .. } | Motion::Feed { .. });
-    Ok(ProgramRow { action, target: read.target.clone(), feed_dwell_or_angle: value, is_free_move })
+    Ok(ProgramRow {
+        action,
+        target: read.target.clone(),
+        feed_dwell_or_angle: value,
+        is_positioning_move: is_free_move,
+    })
 }
 
 /// Position of the machine after `rows`, if it was at `from` and each touch met its contact. Axes that a

@@ -85,7 +85,7 @@ async fn block_is_one_call_with_the_motions_of_the_text() {
 
 #[tokio::test]
 async fn results_of_a_list_of_touches_are_transferred_one_by_one() {
-    for kind in [None, Some(FaultKind::RepeatedResult), Some(FaultKind::StaleResult)] {
+    for kind in [None, Some(FaultKind::AcknowledgeIgnored), Some(FaultKind::StaleResult)] {
         let faults = kind.map(|kind| Fault { after_touch: 2, ..fault_at_line(kind, 0) });
         let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, faults.into_iter().collect()).await;
         let motions: Vec<_> = approach_motions()
