@@ -23,7 +23,7 @@ pub enum CompensationError {
 }
 
 impl CompensationError {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
             Self::Target(error) => error.remedy(),
@@ -34,14 +34,14 @@ impl CompensationError {
     }
 }
 
-/// A run, and how values are proposed from it.
+/// A run, and the options for a proposal from this run.
 #[derive(Debug, Clone, Copy)]
 pub struct ProposalSource {
     pub run: RunId,
     pub options: ProposalOptions,
 }
 
-/// The proposal, with the hash by which a person approves it.
+/// A proposal, with the hash by which a person approves the proposal.
 #[derive(Debug, Clone, Serialize)]
 pub struct HashedProposal {
     pub sha256: String,
@@ -49,14 +49,14 @@ pub struct HashedProposal {
     pub proposal: ControlProposal,
 }
 
-/// What the control holds, and what was written last.
+/// Present compensation values of the control, and the last compensation in the journal.
 #[derive(Debug, Clone, Serialize)]
 pub struct CompensationStatus {
     pub values: Vec<ControlValue>,
     pub last: Option<StoredCompensation>,
 }
 
-/// The control of one machine with the journal. Each call blocks the thread.
+/// Compensation of the control of one machine, recorded in the journal. Each call blocks the thread.
 pub struct MachineCompensation<'a> {
     file: &'a MachineFile,
     journal: &'a Journal,
@@ -65,7 +65,7 @@ pub struct MachineCompensation<'a> {
 
 impl<'a> MachineCompensation<'a> {
     /// # Errors
-    /// The machine file describes no values of a control, or the control's configuration is not supported.
+    /// The machine file has no section `[compensation]`, or the configuration of the control is not supported.
     /// `kind`: as for [`open_target`].
     pub fn open(file: &'a MachineFile, journal: &'a Journal, kind: Option<&str>) -> Result<Self, CompensationError> {
         Ok(Self { file, journal, target: open_target(file, kind)? })
@@ -82,7 +82,7 @@ impl<'a> MachineCompensation<'a> {
         Ok(HashedProposal { sha256: proposal.sha256().map_err(ControlProposalError::from)?, proposal })
     }
 
-    /// Writes the proposal, of which `who` has approved the hash. Returns the number of the compensation.
+    /// Writes the proposal whose hash `who` has approved. Returns the number of the compensation.
     ///
     /// # Errors
     /// As [`Self::propose`] and [`CompensationWriter::write`].

@@ -30,15 +30,15 @@ pub enum ControlProposalError {
     ContradictedModel(RunId),
     #[error("run {run} measured the machine `{measured}`; the machine file is of `{stated}`")]
     OtherMachine { run: RunId, measured: String, stated: String },
-    #[error("the machine file states axes, stylus or compensations otherwise than run {0} measured them")]
+    #[error("axes, stylus or active compensations in the machine file differ from those of run {0}")]
     ChangedMachine(RunId),
     #[error("the machine file of run {run} cannot be read: {error}")]
     UnreadableMachineFile { run: RunId, error: Box<MachineFileError> },
     #[error("run {0} was measured on a simulated control")]
     Simulated(RunId),
     #[error(
-        "the record of run {run} does not say that the control used its present values ({kind}): the readings contain their \
-         effect, and a correction could be made twice"
+        "the record of run {run} does not confirm that the control used its present compensation values ({kind}) \
+         during the run: the readings contain the effect of these values, and an error could be corrected twice"
     )]
     OtherValues { run: RunId, kind: &'static str },
     #[error("the proposal cannot be written as JSON: {0}")]
@@ -50,7 +50,7 @@ pub enum ControlProposalError {
 }
 
 impl ControlProposalError {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
             Self::Journal(error) => error.remedy().to_owned(),
@@ -63,16 +63,16 @@ impl ControlProposalError {
                 format!("read the warnings with `trued show {run}`, remove the cause, and measure again")
             }
             Self::OtherMachine { .. } => "give the machine file of this machine with --machine".to_owned(),
-            Self::OtherValues { .. } => "finish a compensation that is unfinished, then measure again".to_owned(),
+            Self::OtherValues { .. } => "if a compensation is unfinished, finish it; then measure again".to_owned(),
             Self::ChangedMachine(_) => "measure again with this machine file".to_owned(),
-            Self::UnreadableMachineFile { .. } => "measure again with this version".to_owned(),
+            Self::UnreadableMachineFile { .. } => "measure again with this version of the program".to_owned(),
             Self::Simulated(_) => "measure on the machine".to_owned(),
             Self::Json(_) | Self::Template(_) | Self::Csv(_) => "report this error".to_owned(),
         }
     }
 }
 
-/// An error of the axes that remains, in its unit.
+/// An error of the axes that is not corrected, in its unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RemainingError {
     pub symbol: String,
@@ -91,7 +91,7 @@ pub struct PredictedError {
     pub expanded_largest_um: f64,
 }
 
-/// New values for a control, with their effect.
+/// New compensation values for a control, with their predicted effect.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ControlProposal {
     pub run: RunId,
@@ -100,7 +100,7 @@ pub struct ControlProposal {
     pub machine: String,
     /// Kind of the values, as a key of `[compensation]`.
     pub target: &'static str,
-    /// The control whose values these are.
+    /// Description of the control to which the values belong.
     pub control: String,
     pub estimate_sha256: String,
     #[serde(flatten)]
@@ -111,8 +111,8 @@ pub struct ControlProposal {
     pub remaining: Vec<RemainingError>,
     /// Warnings of the estimate.
     pub warnings: Vec<String>,
-    /// With the present values, and with the proposed ones. Positions that the run does not determine count as right.
-    /// Absent: the run states no measured ranges, or the values are not positions of rotary axes.
+    /// Prediction with the present values, and with the proposed values. Axis positions that the run does not determine
+    /// count as correct. `None`: the run states no measured ranges, or the values are no positions of rotary axes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub predicted: Option<[PredictedError; 2]>,
 }
@@ -150,7 +150,7 @@ pub fn propose_for_control(
         measured_at = measured_at.min(combined.summary.started);
     }
     let plan = &stored.plan;
-    // Without coordinates of the stylus, its uncertainty is in the estimate as the run stated it.
+    // If the run did not identify the stylus, the estimate contains the stylus uncertainty that its plan states.
     let has_stylus = last.estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("tool_"));
     let stylus = match has_stylus {
         true => StatedStylusUncertainty::new(&file.probe, &file.assumed_keys),
@@ -173,8 +173,10 @@ pub fn propose_for_control(
     })
 }
 
+/// The newest estimate of the run.
+///
 /// # Errors
-/// There is no estimate; its readings contradict the model.
+/// The run has no estimate, or its readings contradict the model.
 pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&StoredEstimate, ControlProposalError> {
     let last = stored.estimates.last().ok_or(ControlProposalError::NoEstimate(run))?;
     match last.estimate.verdict {
@@ -183,7 +185,7 @@ pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&St
     }
 }
 
-/// Checks that the control held its present values during the run, where the readings contain their effect.
+/// Checks that the control used its present compensation values during the run, if the readings contain their effect.
 fn check_values_in_readings(stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
     for config in &file.compensation {
         let control = open_target(file, Some(config.kind()))?.read()?;
@@ -218,7 +220,8 @@ fn check_machine(run: RunId, stored: &StoredRun, file: &MachineFile) -> Result<(
     if is_same { Ok(()) } else { Err(ControlProposalError::ChangedMachine(run)) }
 }
 
-/// `None`: the estimate states no measured ranges.
+/// Predicted errors before and after the correction. `None`: the estimate states no measured ranges, or the proposal
+/// contains no positions of rotary axes.
 fn predict_before_and_after(
     machine: &Machine,
     stylus: StatedStylusUncertainty,

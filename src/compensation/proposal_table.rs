@@ -18,7 +18,7 @@ pub struct PositionRow {
     pub measured: String,
     pub expanded: String,
     pub proposed: String,
-    /// Why the present position is kept, and what to do about it.
+    /// Reason why the present position is kept, and remedy.
     pub kept: Option<String>,
 }
 
@@ -36,7 +36,8 @@ pub struct ProposalTable {
     pub positions: Vec<PositionRow>,
     pub travels: Vec<PositionRow>,
     pub values: Vec<ValueRow>,
-    /// Where the positions hold, the predicted error, warnings, and what is not corrected.
+    /// Sentences on the point where the positions are valid, the predicted error, the warnings, and the errors that are
+    /// not corrected.
     pub sentences: Vec<String>,
 }
 
@@ -90,7 +91,7 @@ fn sentences(proposal: &ControlProposal) -> Vec<String> {
     if let Some(at_mm) = proposal.proposal.at_mm.filter(|_| !proposal.proposal.positions.is_empty()) {
         let [x, y, z] = at_mm.map(|mm| format_fixed(mm, 1));
         sentences.push(format!(
-            "positions with the tip at X {x} Y {y} Z {z} mm of the machine, and a stylus of {} mm",
+            "the positions are valid with the tip at machine position X {x} Y {y} Z {z} mm, and a stylus of {} mm",
             format_fixed(proposal.stylus_length_mm, 1)
         ));
     }
@@ -100,13 +101,13 @@ fn sentences(proposal: &ControlProposal) -> Vec<String> {
         });
         sentences.push(format!(
             "largest position error of the tool with tool centre point control, predicted over the measured ranges: \
-             {present} with the present values, {proposed} with the proposed ones (U, k = 2)"
+             {present} with the present values, {proposed} with the proposed values (U, k = 2)"
         ));
     }
     let undetermined = proposal.proposal.positions.iter().filter(|position| position.measured_mm.is_none());
     let undetermined: Vec<String> = undetermined.map(position_name).collect();
     if !undetermined.is_empty() {
-        sentences.push(format!("the prediction takes the present {} as right", undetermined.join(", ")));
+        sentences.push(format!("the prediction assumes correct present values of {}", undetermined.join(", ")));
     }
     let warnings = proposal.warnings.iter();
     sentences.extend(warnings.map(|warning| format!("warning of the run: {}", with_one_line_symbols(warning))));

@@ -1,4 +1,4 @@
-//! The sheet of the measured errors, for every control that this program cannot write to, and for CAM.
+//! Correction sheet: the measured errors, for controls that this program cannot write to, and for CAM.
 
 use super::proposal::{ControlProposalError, last_usable_estimate, remaining_errors};
 use crate::report::correction_sheet::{CorrectionSheet, SheetRow};
@@ -15,12 +15,14 @@ use methods::identification::StatedStylusUncertainty;
 /// Decimals of a position in mm.
 const MM_DECIMALS: usize = 4;
 
-/// A sheet, with the pictures of its errors.
+/// A correction sheet: HTML with figures of the errors, and CSV.
 pub struct RenderedSheet {
     pub html: String,
     pub csv: Vec<u8>,
 }
 
+/// Renders the correction sheet of the newest estimate of `run`.
+///
 /// # Errors
 /// The run has no usable estimate, or no errors of axes.
 pub fn render_correction_sheet(journal: &Journal, run: RunId) -> Result<RenderedSheet, ControlProposalError> {
@@ -56,7 +58,7 @@ fn correction_sheet(run: RunId, stored: &StoredRun) -> Result<CorrectionSheet, C
         positions: coordinates.map(|coordinate| position_row(&measured, coordinate)).collect(),
         reference_point: measured.at_mm().map(|at_mm| {
             let [x, y, z] = at_mm.map(|mm| format_fixed(mm, 1));
-            format!("with the tip at X {x} Y {y} Z {z} mm of the machine")
+            format!("with the tip at X {x} Y {y} Z {z} mm in machine coordinates")
         }),
         others: remaining_errors(&last.estimate, |own| own.unit == Unit::Um)
             .into_iter()

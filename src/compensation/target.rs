@@ -1,4 +1,4 @@
-//! Values of a control that compensate measured errors: the interface of each kind.
+//! Interface to the compensation values of a control, which each kind of values implements.
 
 use std::fmt;
 
@@ -19,7 +19,7 @@ pub enum TargetError {
     NoSuchTarget(String),
     #[error("the machine file has several sections of [compensation]: {0}")]
     SeveralTargets(String),
-    #[error("[compensation] is for LinuxCNC, and [controller] names no INI file of it")]
+    #[error("[compensation] requires LinuxCNC, but [controller] names no INI file of LinuxCNC")]
     NoIniFile,
     #[error(transparent)]
     Trunnion(#[from] TrunnionError),
@@ -28,7 +28,8 @@ pub enum TargetError {
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
     #[error(
-        "the kinematics of the control are for a table that tilts on {tilt} and carries C; the machine is {topology}"
+        "the kinematics of the control are for a table that tilts on {tilt} and carries C, but the machine has the \
+         topology {topology}"
     )]
     OtherTopology { tilt: Axis, topology: String },
     #[error("the machine file states {axis} in another direction or sense than the control")]
@@ -38,10 +39,10 @@ pub enum TargetError {
 }
 
 impl TargetError {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         let text = match self {
-            Self::NotConfigured => "state the values of the control, e.g. [compensation.linuxcnc-trunnion]",
+            Self::NotConfigured => "add a section for the kind of the control, e.g. [compensation.linuxcnc-trunnion]",
             Self::NoSuchTarget(_) | Self::SeveralTargets(_) => "name one of the sections with --target",
             Self::NoIniFile => "set [controller] ini to the INI file that LinuxCNC was started with",
             Self::Trunnion(error) => return error.remedy(),
@@ -61,27 +62,27 @@ impl TargetError {
     }
 }
 
-/// Values of a control that can be read and written. Each call blocks the thread.
+/// Compensation values of a control that can be read and written. Each call blocks the thread.
 pub trait CompensationTarget: fmt::Debug {
     /// Key of `[compensation]`.
     fn kind(&self) -> &'static str;
 
-    /// The control, in words.
+    /// Description of the control, for display.
     fn describe(&self) -> String;
 
-    /// The values that the control holds now, and what they mean.
+    /// The present values of the control, with the model of their effect.
     ///
     /// # Errors
-    /// The control cannot be read; it is not that of the machine file.
+    /// The control cannot be read, or does not match the machine file.
     fn read(&self) -> Result<ControlModel, TargetError>;
 
     /// Refuses a write that would move the machine.
     ///
     /// # Errors
-    /// The machine moves, or the control applies its values now.
+    /// The machine is moving, or the control currently applies its values.
     fn check_writable(&self) -> Result<(), TargetError>;
 
-    /// Whether [`Self::write`] is called once with all values, and not once for each.
+    /// Whether one call of [`Self::write`] writes all values; otherwise each value needs its own call.
     fn is_written_at_once(&self) -> bool {
         false
     }
@@ -89,7 +90,7 @@ pub trait CompensationTarget: fmt::Debug {
     /// Sets values, in mm, and reads them back.
     ///
     /// # Errors
-    /// The machine moves, or the control applies its values now; a value cannot be set, or reads back otherwise.
+    /// The errors of [`Self::check_writable`]; a value cannot be set, or another value is read back.
     fn write(&self, values: &[NamedText<'_>]) -> Result<(), TargetError>;
 
     /// Whether the control uses new values only after it was started again.
@@ -97,25 +98,25 @@ pub trait CompensationTarget: fmt::Debug {
         false
     }
 
-    /// Checks that the control uses the values that it holds. If `replaced` has values, the control must also show that it
-    /// does not use them.
+    /// Checks that the control uses its present values. If `replaced` contains values, also checks that the control no
+    /// longer uses these values.
     ///
     /// # Errors
-    /// It uses others, or does not show which ones.
+    /// The control uses other values, or does not show which values it uses.
     fn check_in_effect(&self, _replaced: &[(String, f64)]) -> Result<(), TargetError> {
         Ok(())
     }
 
-    /// What a person must do after a write or an undo, in order.
+    /// Instructions to the operator after a write or an undo, in their order.
     fn advice_after_write(&self) -> &'static str;
 
-    /// Lines of a file that set the values at each start of the control. `None`: it keeps them.
+    /// Lines of a file that set the values at each start of the control. `None`: the control stores the values itself.
     fn startup_lines(&self, _values: &[ControlValue]) -> Option<String> {
         None
     }
 }
 
-/// The values before and after a compensation.
+/// Names and values (mm) of the changes: after the compensation if `is_after`, otherwise before it.
 pub(super) fn values_of(changes: &[CompensationChange], is_after: bool) -> Vec<(String, f64)> {
     let value = |own: &CompensationChange| (own.name.clone(), if is_after { own.after_mm } else { own.before_mm });
     changes.iter().map(value).collect()

@@ -8,8 +8,8 @@ use devices::compensation::MAX_READ_BACK_DEVIATION_MM;
 use machine::record::event::RunEvent;
 use methods::compensation::ControlValue;
 
-/// Sentences on the values that the control holds now, and on differences from the `stored` compensations of its machine,
-/// newest first. Blocks the thread.
+/// Sentences on the present compensation values of the control, and on their differences from the `stored`
+/// compensations of its machine, newest first. Blocks the thread.
 pub fn describe_values_of_control(file: &MachineFile, stored: &[StoredCompensation]) -> Vec<String> {
     let of_target = |config: &CompensationConfig| {
         let last = stored.iter().find(|own| own.target == config.kind());
@@ -42,8 +42,8 @@ fn list_prefix(kind: &str) -> String {
     format!("compensation values of the control ({kind}): ")
 }
 
-/// What the record of the run says about values whose effect the readings contain: compensation files. Empty: the machine
-/// has none. `None`: the record does not say which ones the control used all the time.
+/// Journaled values of the compensation files, whose effect the readings contain. Empty: the machine has no
+/// compensation files. `None`: the journal does not confirm that the control used the same files during the whole run.
 pub fn recorded_values_in_readings<'a>(file: &MachineFile, stored: &'a StoredRun) -> Option<&'a str> {
     let in_readings = |own: &&CompensationConfig| matches!(own, CompensationConfig::LinuxcncJoints(_));
     let Some(config) = file.compensation.iter().find(in_readings) else { return Some("") };
@@ -56,7 +56,7 @@ pub fn recorded_values_in_readings<'a>(file: &MachineFile, stored: &'a StoredRun
     recorded.all(|text| text == first).then_some(first)
 }
 
-/// Whether the record of the run says that the control held these values at its start, and after each resume.
+/// Whether the run recorded these values of the control, and no other values.
 pub(super) fn has_run_with_values(stored: &StoredRun, kind: &str, values: &[ControlValue]) -> bool {
     let [prefix, present] = [list_prefix(kind), list_values(kind, values)];
     let mut recorded = stored.events.iter().filter_map(|(_, event)| match event {
@@ -78,8 +78,8 @@ fn describe_differences(values: &[ControlValue], last: &StoredCompensation) -> O
     let differences: Vec<String> = differences.collect();
     (!differences.is_empty()).then(|| {
         format!(
-            "the control does not hold the values of compensation {}, which is {}: {}. A control may lose them at a \
-             restart",
+            "the values in the control differ from compensation {}, which is {}: {}. A control may lose its values \
+             at a restart",
             last.id,
             last.state.as_str(),
             differences.join(", ")

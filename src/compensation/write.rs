@@ -1,4 +1,4 @@
-//! Writing approved values to a control: the intent is in the journal before the first write, each value is read back.
+//! Writes approved values to a control. The intent is journaled before the first write, and each value is read back.
 
 use crate::archive::run_story::is_abandoned;
 use crate::store::{
@@ -12,9 +12,9 @@ use methods::compensation::ControlModel;
 use super::proposal::ControlProposal;
 use super::target::{CompensationTarget, TargetError, values_of};
 
-/// Age at which a measurement no longer describes the machine well enough to change the control: its temperatures differ.
+/// Maximum age of a measurement for a change of the control: after this time the temperatures of the machine differ.
 const MAX_AGE_OF_MEASUREMENT: SignedDuration = SignedDuration::from_hours(24);
-/// A run that starts later than this after the present time shows that the clock of this computer is wrong.
+/// Maximum time by which the start of a run may be later than the present time: a later start means a wrong clock.
 const MAX_CLOCK_ERROR: SignedDuration = SignedDuration::from_hours(1);
 
 #[derive(Debug, thiserror::Error)]
@@ -26,7 +26,8 @@ pub enum CompensationWriteError {
     #[error("the proposal cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
     #[error(
-        "the approved proposal {approved} is not the present one, {present}: the run, the machine file or a value of the control has changed"
+        "the approved proposal {approved} is not the present proposal {present}: the run, the machine file or a value \
+         of the control has changed"
     )]
     OtherProposal { approved: String, present: String },
     #[error("the proposal has expired: run {run} was not started within the last {} h", MAX_AGE_OF_MEASUREMENT.as_hours())]
@@ -35,9 +36,9 @@ pub enum CompensationWriteError {
     NothingToWrite,
     #[error(transparent)]
     Unfinished(#[from] UnfinishedCompensation),
-    #[error("run {0} of this machine can still be resumed: with other values its readings would not fit together")]
+    #[error("run {0} of this machine can still be resumed: with other values its readings would not be consistent")]
     ResumableRun(RunId),
-    #[error("there is nothing to undo: the last compensation of `{machine}`, if there is one, is undone")]
+    #[error("there is nothing to undo: `{machine}` has no compensation, or its last compensation is undone already")]
     NothingToUndo { machine: String },
     #[error("there is nothing to finish: no compensation of `{machine}` is unfinished")]
     NothingToFinish { machine: String },
@@ -50,7 +51,7 @@ pub enum CompensationWriteError {
 }
 
 impl CompensationWriteError {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         let text = match self {
             Self::Journal(error) => error.remedy(),
@@ -71,28 +72,28 @@ impl CompensationWriteError {
                 "list the values of the control with `trued compensate status`"
             }
             Self::NotAsWritten { .. } => {
-                "restore the values before with `trued compensate undo`, or set the value as it was written, then start the \
-                 control again"
+                "restore the previous values with `trued compensate undo`, or set the value as it was written, then \
+                 start the control again"
             }
             Self::ChangedByOther { .. } => {
-                "set the value at the control to the one before or after, then try again; `trued compensate status` lists \
-                 both"
+                "set the value at the control to the value before or after the compensation, then try again; `trued \
+                 compensate status` lists both values"
             }
         };
         text.to_owned()
     }
 }
 
-/// The only process that may change the values of the control: it holds the lock of the machine.
+/// Changes the values of the control. Requires the lock of the machine, which only one process can hold.
 pub struct CompensationWriter<'a> {
     pub journal: &'a Journal,
     pub lock: &'a MachineLock,
     pub target: &'a (dyn CompensationTarget + 'a),
-    /// Name of the person who decides.
+    /// Name of the person who approves or requests the change.
     pub who: &'a str,
 }
 
-/// Direction of a write.
+/// Whether a write sets the new values of a compensation, or restores the values before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum WriteDirection {
     ToNewValues,
@@ -126,11 +127,11 @@ impl WriteDirection {
 }
 
 impl CompensationWriter<'_> {
-    /// Writes the values of `proposal`, of which a person approved the hash `approved_sha256`.
+    /// Writes the values of `proposal`, whose hash `approved_sha256` a person has approved.
     ///
     /// # Errors
     /// The approval is of another proposal, or too old; an earlier compensation is unfinished; the control refuses a
-    /// write or reads back another value. From the first write on the compensation is unfinished after an error.
+    /// write or reads back another value. An error after the first write leaves the compensation unfinished.
     pub fn write(&self, proposal: &ControlProposal, approved_sha256: &str) -> Result<i64, CompensationWriteError> {
         if let Some(unfinished) = self.journal.unfinished_compensation(self.lock.machine())? {
             return Err(unfinished.into());
@@ -170,10 +171,10 @@ impl CompensationWriter<'_> {
         Ok(id)
     }
 
-    /// Restores the values before the last compensation, finished or not.
+    /// Restores the values before the last compensation, whether it is finished or not.
     ///
     /// # Errors
-    /// There is none; a value is neither as before nor as after; the control refuses a write.
+    /// There is no compensation to undo; a value is neither that before nor that after; the control refuses a write.
     pub fn undo(&self) -> Result<StoredCompensation, CompensationWriteError> {
         let last = self.last_compensation()?.filter(|last| !last.state.is_undone());
         let nothing = || CompensationWriteError::NothingToUndo { machine: self.lock.machine().to_owned() };
@@ -185,12 +186,12 @@ impl CompensationWriter<'_> {
         Ok(last)
     }
 
-    /// Writes the new values of an unfinished compensation, also after an interrupted undo; or confirms that the control uses
-    /// the values after a restart.
+    /// Writes the new values of an unfinished compensation, also after an interrupted undo; or confirms that the
+    /// control uses the values after a restart.
     ///
     /// # Errors
-    /// None is unfinished; a value is neither as before nor as after; the control refuses a write, or still uses the
-    /// other values.
+    /// No compensation is unfinished; a value is neither that before nor that after the compensation; the control
+    /// refuses a write, or still uses the replaced values.
     pub fn finish(&self) -> Result<StoredCompensation, CompensationWriteError> {
         let last = self.last_compensation()?.filter(|last| last.state.is_unfinished());
         let nothing = || CompensationWriteError::NothingToFinish { machine: self.lock.machine().to_owned() };
@@ -239,7 +240,8 @@ impl CompensationWriter<'_> {
         self.write_values(last.id, &last.changes, direction)
     }
 
-    /// Refuses values that are neither those before nor those after: another person has changed them.
+    /// Checks that each value is that before or that after the compensation: another person or program has set any
+    /// other value.
     fn check_known_values(&self, changes: &[CompensationChange]) -> Result<(), CompensationWriteError> {
         let present = self.target.read()?;
         for CompensationChange { name, before_mm, after_mm, .. } in changes {
@@ -273,7 +275,7 @@ impl CompensationWriter<'_> {
     }
 }
 
-/// NaN: the control has no such value.
+/// Present value `name` of the control, mm. NaN: the control has no value of this name.
 fn value_mm(control: &ControlModel, name: &str) -> f64 {
     control.values().iter().find(|value| value.name == name).map_or(f64::NAN, |value| value.present_mm)
 }

@@ -34,7 +34,7 @@ struct StepBlocks<B> {
 /// (docs/resident-program.md).
 const MAX_BLOCK_MOTIONS: usize = 16;
 
-/// Dialect of the text, and its transmission to the control.
+/// Dialect of the program text, and the form in which the text is sent to the control.
 #[derive(Clone, Copy)]
 struct DialectAndTransmission<'a> {
     dialect: &'a Dialect,
@@ -141,7 +141,7 @@ pub async fn rehearse(method: &dyn Method, plan: &Plan, dialect: &Dialect) -> Re
     })
 }
 
-/// Facts about a run that its rehearsal gives.
+/// Result of the rehearsal of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RehearsalResult {
     /// Machine time of all stages, s.

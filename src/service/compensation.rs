@@ -1,4 +1,4 @@
-//! Compensation at the page: a person's decision, executed by the worker, which holds the machine's lock.
+//! Compensation requested on the web page: a person decides, and the worker, which holds the lock, executes this.
 
 use std::thread;
 
@@ -10,7 +10,7 @@ use crate::compensation::{CompensationError, MachineCompensation};
 use crate::store::{Journal, MachineLock};
 
 impl CommandGate {
-    /// Writes or restores values of the control, as a person decided. `what`: for the log.
+    /// Writes or restores values of the control, as a person decided. `what`: name of the command in the log.
     ///
     /// # Errors
     /// The machine does not wait for a start; the refusal is also in the machine state and in the log.
@@ -29,10 +29,10 @@ impl CommandGate {
 }
 
 impl MachineWorker {
-    /// Blocks this thread, on which nothing else happens while the machine waits.
+    /// Blocks the worker's thread, which has no other task while the machine waits for a start.
     pub(super) fn execute_compensation(&self, job: CompensationJob, journal: &Journal) {
         if let Some(lock) = &self.machine_lock {
-            // The writes to the journal block, which the thread of a runtime must not do.
+            // Journal writes block, and a thread of an async runtime must not block.
             let executed = thread::scope(|scope| {
                 let execute = || job.execute(&self.machine_file, journal, lock);
                 thread::Builder::new()
@@ -42,9 +42,7 @@ impl MachineWorker {
             });
             match executed {
                 Ok(Ok(())) => {}
-                Ok(Err(_)) => {
-                    self.log.error("the compensation ended by a fault of the program: read its state on the page")
-                }
+                Ok(Err(_)) => self.log.error("the compensation ended by a program error: read its state on the page"),
                 Err(error) => {
                     self.log.error(&format!("the compensation is not executed: no thread can be started: {error}"));
                 }

@@ -1,5 +1,5 @@
-//! Compensations: values that were written to a control. Each is an intent before the first write; its states follow.
-//! Rows are never changed.
+//! Compensations: values that were written to a control. A compensation is stored before the first write to the
+//! control; each later state is a new row. Rows are never changed.
 
 use jiff::Timestamp;
 use rusqlite::{Connection, Row, params};
@@ -29,11 +29,11 @@ pub enum CompensationState {
     AwaitingRestart,
     /// All values were written and read back, and the control uses them.
     Written,
-    /// The return to the values before may be incomplete.
+    /// The restoration of the earlier values may be incomplete.
     Undoing,
-    /// All values are as before. The control uses them after its next start.
+    /// All earlier values are restored. The control uses them after its next start.
     UndoneAwaitingRestart,
-    /// All values are as before, and the control uses them.
+    /// All earlier values are restored, and the control uses them.
     Undone,
 }
 
@@ -57,7 +57,7 @@ impl CompensationState {
         !matches!(self, Self::Written | Self::Undone)
     }
 
-    /// Whether the values before are in the control again.
+    /// Whether the earlier values are in the control again.
     pub fn is_undone(self) -> bool {
         matches!(self, Self::UndoneAwaitingRestart | Self::Undone)
     }
@@ -68,7 +68,7 @@ impl CompensationState {
     }
 }
 
-/// The machine must not move: a person must end this compensation.
+/// An unfinished compensation. The machine must not move until a person finishes or undoes it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("compensation {id} is unfinished: {}", self.reason())]
 pub struct UnfinishedCompensation {
@@ -85,7 +85,7 @@ impl UnfinishedCompensation {
         }
     }
 
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         let target = &self.target;
         match self.state.awaits_restart() {
@@ -94,14 +94,14 @@ impl UnfinishedCompensation {
                  `trued compensate finish --target {target} --machine FILE --who NAME`"
             ),
             false => format!(
-                "restore the values before with `trued compensate undo --target {target} --machine FILE --who NAME`, or write \
+                "restore the earlier values with `trued compensate undo --target {target} --machine FILE --who NAME`, or write \
                  the rest with `finish` in place of `undo`"
             ),
         }
     }
 }
 
-/// What is to be written.
+/// Compensation to be written to a control.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewCompensation {
     pub machine: String,
@@ -129,14 +129,14 @@ pub struct StoredCompensation {
 }
 
 impl StoredCompensation {
-    /// `None`: the machine may move.
+    /// The unfinished compensation, which forbids motion; `None`: the machine may move.
     pub fn unfinished(&self) -> Option<UnfinishedCompensation> {
         let Self { id, target, state, .. } = self;
         state.is_unfinished().then(|| UnfinishedCompensation { id: *id, target: target.clone(), state: *state })
     }
 }
 
-/// A compensation came into effect, or the values before it did again.
+/// Event in a history: a compensation took effect, or was undone.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompensationEvent {
     pub id: i64,
@@ -153,13 +153,13 @@ impl Journal {
         self.submit_job(move |connection| insert_compensation(connection, &new))
     }
 
-    /// Adds a state.
+    /// Adds a state to the compensation `id`.
     pub fn set_compensation_state(&self, id: i64, state: CompensationState, who: &str) -> AwaitableWrite<()> {
         let who = who.to_owned();
         self.submit_job(move |connection| insert_state(connection, id, state, &who))
     }
 
-    /// The compensation of `machine` that a person must end, if there is one: until then the machine must not move.
+    /// The compensation of `machine` that a person must finish or undo, if any; until then the machine must not move.
     ///
     /// # Errors
     /// The journal cannot be read.
@@ -175,7 +175,7 @@ impl Journal {
         Ok(self.compensations(machine)?.into_iter().find(|own| own.target == target))
     }
 
-    /// When compensations of `machine` came into effect, and when they were undone; oldest first.
+    /// Times at which compensations of `machine` took effect or were undone, oldest first.
     ///
     /// # Errors
     /// The journal cannot be read.

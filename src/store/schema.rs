@@ -10,8 +10,8 @@ use super::StoreFault;
 /// The format of the journals that this version writes.
 pub(super) const CURRENT_FORMAT: i64 = MIGRATIONS.len() as i64;
 
-/// Migrations, one entry per format. Never change a released entry; add another one. After the migrations the
-/// checksum of every row is computed again, and verified before if the journal has checksums.
+/// Migrations, one entry per format. Never change a released entry; add another one. Existing checksums are verified
+/// before the migrations; the checksum of every row is computed again after them.
 pub(super) const MIGRATIONS: [&str; 10] = [
     "
 CREATE TABLE runs (

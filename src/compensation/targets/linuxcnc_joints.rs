@@ -49,7 +49,7 @@ impl CompensationTarget for LinuxcncJoints<'_> {
         Ok(ControlModel::of_travels(values, travels))
     }
 
-    /// LinuxCNC reads the files only when it starts.
+    /// Always permits a write, because LinuxCNC reads the files only when it starts.
     fn check_writable(&self) -> Result<(), TargetError> {
         Ok(())
     }
@@ -82,11 +82,11 @@ impl CompensationTarget for LinuxcncJoints<'_> {
     fn advice_after_write(&self) -> &'static str {
         "Restart LinuxCNC, home all axes, and move each corrected axis near an end of its travel. Then confirm with `trued \
          compensate finish`; until then no run starts. Then measure again, positions of rotary axes too: only a \
-         measurement shows that the values are right"
+         measurement shows that the values are correct"
     }
 }
 
-/// Beyond its positions a table corrects less than the error.
+/// Checks that a table covers the travel of its axis: outside its positions, a table corrects only part of the error.
 fn check_covers_travel(machine: &Machine, table: &JointTable) -> Result<(), TargetError> {
     let (axis, positions) = (table.axis, table.values.iter().map(|value| value.position_mm));
     let from_mm = positions.clone().fold(f64::INFINITY, f64::min);

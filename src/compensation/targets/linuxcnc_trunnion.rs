@@ -50,9 +50,9 @@ impl CompensationTarget for LinuxcncTrunnion<'_> {
     }
 
     fn advice_after_write(&self) -> &'static str {
-        "Measure again: only a measurement shows that the values are right. LinuxCNC loses them when it ends, and reads \
-         those of its HAL files at each start: enter the present values there (`trued compensate status --hal FILE` writes \
-         them as lines of a HAL file)"
+        "Measure again: only a measurement shows that the values are correct. LinuxCNC loses the values when it ends, \
+         and reads the values in its HAL files at each start: enter the present values in a HAL file (`trued \
+         compensate status --hal FILE` writes the lines)"
     }
 
     fn startup_lines(&self, values: &[ControlValue]) -> Option<String> {
@@ -66,7 +66,7 @@ fn check_same_kinematics(machine: &Machine, state: &TrunnionState) -> Result<(),
     let chain = KinematicChain::new(machine)?;
     let branch = chain.topology().workpiece_branch();
     let is_tool_turned = chain.topology().tool_branch().iter().any(|axis| !axis.is_linear() && *axis != Axis::S);
-    // No linear axis between the rotary ones, nor nearer to the workpiece.
+    // No linear axis is between the two rotary axes, or between them and the workpiece.
     if !branch.ends_with(&[tilt, Axis::C])
         || branch.iter().filter(|axis| !axis.is_linear()).count() != 2
         || is_tool_turned

@@ -1,4 +1,4 @@
-//! What the kinds of values need of the machine file.
+//! Checks of the machine file that the kinds of compensation values share.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use crate::setup::{ControlConfig, MachineFile};
 use machine::Axis;
 use machine::record::machine::{AxisSense, Machine};
 
-/// Greatest difference of a direction in the machine file from that of the machine frame.
+/// Maximum length of the difference between the direction of an axis in the machine file and in the machine frame.
 const DIRECTION_TOLERANCE: f64 = 1e-9;
 
 /// The INI file that LinuxCNC was started with.
@@ -19,7 +19,8 @@ pub fn ini_file(file: &MachineFile) -> Result<&Path, TargetError> {
     ini.ok_or(TargetError::NoIniFile)
 }
 
-/// Checks that the machine file states the axes along those of the machine frame, and rotary axes with this sense.
+/// Checks that the axes are parallel to those of the machine frame, linear axes with the sense `iso` and rotary axes
+/// with `rotary_sense`.
 pub fn check_directions(machine: &Machine, axes: &[Axis], rotary_sense: AxisSense) -> Result<(), TargetError> {
     let is_other = |axis: &&Axis| {
         machine.axes.get(axis).is_some_and(|stated| {

@@ -1,4 +1,4 @@
-//! The kinds of values, one file each, and the one that the machine file names.
+//! The kinds of compensation values, one module for each, and the selection by the machine file.
 
 mod linuxcnc_joints;
 mod linuxcnc_trunnion;
@@ -9,10 +9,11 @@ use self::linuxcnc_trunnion::LinuxcncTrunnion;
 use super::target::{CompensationTarget, TargetError};
 use crate::setup::{CompensationConfig, MachineFile};
 
-/// Opens the values of `kind`; without it, the only ones of the machine file.
+/// Opens the compensation values of `kind`. Without `kind`, opens the only kind in the machine file.
 ///
 /// # Errors
-/// The machine file describes no such values; the control's own configuration cannot be read or is not supported.
+/// The machine file has no section for this kind, or several sections and no `kind` is given; the control's own
+/// configuration cannot be read or is not supported.
 pub fn open_target<'a>(
     file: &'a MachineFile,
     kind: Option<&str>,

@@ -53,7 +53,7 @@ impl HalError {
 /// Value of a pin, and the signal that sets it.
 #[derive(Debug, Clone, PartialEq)]
 struct PinState {
-    /// A bit is 0 or 1.
+    /// Value of the pin; 0 or 1 for a bit pin.
     value: f64,
     signal: Option<String>,
 }
@@ -92,7 +92,7 @@ impl ComponentPins {
     }
 }
 
-/// Access to the pins. Each call starts one process and waits for its end.
+/// Access to HAL pins through `halcmd`. Each call starts one process and waits for its end.
 #[derive(Debug, Clone)]
 pub struct HalPins {
     program: String,
@@ -111,7 +111,7 @@ impl HalPins {
         }
     }
 
-    /// Program and first arguments.
+    /// Program and arguments before those of `halcmd`, in words.
     pub fn describe(&self) -> String {
         [std::slice::from_ref(&self.program), &self.first_arguments].concat().join(" ")
     }
@@ -167,8 +167,8 @@ impl HalPins {
     }
 }
 
-/// Name without `prefix` and state of a line `owner type direction value name [arrow signal]`. `None`: another line, or
-/// a pin of another type.
+/// Parses a line `owner type direction value name [arrow signal]`: name of the pin without `prefix`, and its state.
+/// `None` for other lines and for pins of other types.
 fn parse_pin_line(line: &str, prefix: &str) -> Option<Result<(String, PinState), HalError>> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let [_, kind, _, value, name, ref connection @ ..] = words[..] else { return None };

@@ -1,5 +1,5 @@
-//! LinuxCNC's kinematics for a tilting rotary table, `xyzac-trt-kins` and `xyzbc-trt-kins`: the values are HAL pins.
-//! Which of the two, its identity mode and the units come from the INI file.
+//! LinuxCNC's kinematics for a tilting rotary table, `xyzac-trt-kins` and `xyzbc-trt-kins`, whose values are HAL pins.
+//! The module, its identity mode and the units come from the INI file.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use crate::controllers::linuxcnc::{IniFile, identity_switchkins_type};
 
 /// Pin of newer versions of LinuxCNC: 1 for rotary axes whose sense is that of ISO 841.
 const ISO_SENSE_PIN: &str = "conventional-directions";
-/// Component of the mode of the kinematics and of the state of the motion.
+/// HAL component with the pins of the kinematics mode and of the motion state.
 const MOTION_COMPONENT: &str = "motion";
 
 #[derive(Debug, thiserror::Error)]
@@ -64,7 +64,7 @@ pub struct TrunnionState {
     pub z_offset: f64,
 }
 
-/// A control with these kinematics.
+/// A control with the kinematics `xyzac-trt-kins` or `xyzbc-trt-kins`.
 #[derive(Debug)]
 pub struct TrunnionTarget {
     pins: HalPins,
@@ -96,7 +96,7 @@ impl TrunnionTarget {
         Ok(Self { pins: HalPins::new(halcmd), ini: ini.to_owned(), module, tilting_axis, identity_mode })
     }
 
-    /// INI file and command.
+    /// Kinematics module, INI file and `halcmd` command, in words.
     pub fn describe(&self) -> String {
         format!("{} of {}, by `{}`", self.module, self.ini.display(), self.pins.describe())
     }
@@ -124,7 +124,7 @@ impl TrunnionTarget {
     /// Sets the pin `name` (with its component) to `text`, mm, and reads it back.
     ///
     /// # Errors
-    /// The kinematics are not in identity mode; the machine moves; the pin cannot be set, or reads back otherwise.
+    /// The kinematics are not in identity mode; the machine moves; the pin cannot be set, or reads back another value.
     pub fn write(&self, name: &str, text: &str) -> Result<(), TrunnionError> {
         self.check_writable()?;
         self.pins.set(name, text)?;

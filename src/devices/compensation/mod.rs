@@ -9,11 +9,11 @@ mod hal_pins;
 pub mod linuxcnc_joints;
 pub mod linuxcnc_trunnion;
 
-/// Greatest deviation, mm, of a value that counts as equal: half a step of a pin below 1000 mm, of which `halcmd`
-/// prints seven digits.
+/// Largest deviation, mm, at which a value counts as equal: half of the last digit of a value below 1000 mm, as
+/// `halcmd` prints seven digits.
 pub const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
 
-/// A value of a control to be written, mm, with its name there.
+/// A value to write to a control, mm, with the name that the value has there.
 #[derive(Debug, Clone, Copy)]
 pub struct NamedText<'a> {
     pub name: &'a str,
@@ -21,7 +21,7 @@ pub struct NamedText<'a> {
 }
 
 /// # Errors
-/// The control counts in inches.
+/// `LINEAR_UNITS` of the control is not mm, or is missing.
 fn check_unit_is_mm(file: &IniFile, path: &Path) -> Result<(), ControllerError> {
     let units = file.value("TRAJ", "LINEAR_UNITS").map(str::to_ascii_lowercase);
     match units.as_deref() {

@@ -16,8 +16,8 @@ use machine::{Axis, Position};
 /// Derivative, mm per mm or rad, below which an error has no effect.
 const MIN_DERIVATIVE: f64 = 1e-9;
 
-/// Position of a rotary `axis` of the table along `component`: X, Y or Z of the control with the tip on the axis and the
-/// rotary axes at zero, minus the same coordinate of the stated stylus.
+/// Position of a rotary `axis` of the table along `component`: X, Y or Z of the control with the tip on the axis and
+/// the rotary axes at zero, minus the same coordinate of the stated stylus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct AxisCoordinate {
     pub axis: Axis,
@@ -31,13 +31,13 @@ pub struct MeasuredPosition {
     pub expanded_mm: f64,
 }
 
-/// Positions of the rotary axes, and errors of the travel of linear axes, by an estimate.
+/// Positions of the rotary axes, and errors of the travel of linear axes, as determined by an estimate.
 pub struct MeasuredAxisPositions<'a> {
     chain: KinematicChain,
     estimate: &'a Estimate,
     known: KnownErrors<'a>,
     undetermined_spindle: Vec<UndeterminedPosition>,
-    /// Absent: the table has no axis along Z.
+    /// Point for which the positions are valid. `None`: the table has no axis along Z.
     at: Option<Vector3<f64>>,
     tip: Point<SpindleFrame>,
 }
@@ -59,8 +59,8 @@ impl<'a> MeasuredAxisPositions<'a> {
         Ok(Self { chain, estimate, known, undetermined_spindle: spindle.undetermined, at, tip })
     }
 
-    /// Point for which the positions are valid: machine frame with all axes at zero, mm. Each axis is measured at its
-    /// point nearest to it, with the tip there.
+    /// Point for which the positions are valid: machine frame with all axes at zero, mm. The position of each axis is
+    /// measured at the point of the axis nearest to this point, with the tip there.
     pub fn at_mm(&self) -> Option<[f64; 3]> {
         self.at.map(Into::into)
     }
@@ -70,7 +70,7 @@ impl<'a> MeasuredAxisPositions<'a> {
         self.at.map(|at| nominal_coordinate(&self.chain, coordinate, at))
     }
 
-    /// By how much the tool moves too far relative to the workpiece over `travel`, by the gain of the axis.
+    /// Excess motion of the tool relative to the workpiece over `travel`, from the gain error of the axis.
     ///
     /// # Errors
     /// The estimate does not determine the gain.
@@ -108,7 +108,7 @@ impl<'a> MeasuredAxisPositions<'a> {
                 "no error of the {} run has an effect on the position of {axis} in {component}",
                 self.estimate.method
             ),
-            "add the errors that are equivalent to it to the parameters of the method",
+            "add the errors equivalent to this position to the parameters of the method",
         )?;
         let covariance = &self.known.covariance;
         let variance_by = |i: usize| {
@@ -127,8 +127,8 @@ impl<'a> MeasuredAxisPositions<'a> {
         })
     }
 
-    /// The estimate has the location error, or holds it at zero as equivalent to others, and gives the position of the
-    /// spindle.
+    /// Checks that the estimate contains the location error, or holds it at zero as equivalent to others, and gives the
+    /// position of the spindle.
     fn check_is_determined(&self, AxisCoordinate { axis, component }: AxisCoordinate) -> Result<(), MethodRefusal> {
         let method = &self.estimate.method;
         let symbol = format!("E{component}0{axis}");
@@ -155,7 +155,8 @@ impl<'a> MeasuredAxisPositions<'a> {
     }
 }
 
-/// Where the estimate states its positions; otherwise on the stated axis along Z, at the middle of the measured Z.
+/// Point for which the estimate states its positions, or else on the stated axis along Z at mid-range of the measured
+/// Z.
 fn reference_point(machine: &Machine, chain: &KinematicChain, estimate: &Estimate) -> Option<Vector3<f64>> {
     if let Some(at_mm) = estimate.location_at_mm {
         return Some(at_mm.into());

@@ -1,4 +1,4 @@
-//! What a control takes the axes to be, by its values: positions of rotary axes, corrections of linear axes.
+//! Positions of rotary axes and corrections of linear axes that a control computes from its values.
 
 use super::axis_positions::{AxisCoordinate, nominal_coordinate};
 use super::travel::{ControlledTravel, compensated_gain};
@@ -8,9 +8,9 @@ use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain}
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// Steps per mm of a value, as it is written.
+/// Maximum number of steps per mm with which a value is written to the control.
 const MAX_STEPS_PER_MM: f64 = 1e4;
-/// Digits that `halcmd` prints of a value.
+/// Number of significant digits with which `halcmd` prints a value.
 const PIN_DIGITS: i32 = 7;
 
 /// One value of a control.
@@ -29,7 +29,7 @@ pub(super) struct ControlledPosition {
     pub(super) coordinate: AxisCoordinate,
     /// Index of the value that changes with the position.
     adjusted_value: usize,
-    /// Index of a value that is added to it.
+    /// Index of a value that the control adds to the adjusted value.
     added_value: Option<usize>,
 }
 
@@ -37,9 +37,10 @@ pub(super) struct ControlledPosition {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlModel {
     values: Vec<ControlValue>,
-    /// The value that is added to another comes before it. The readings do not contain the effect of these values.
+    /// Positions in dependency order: a value is adjusted before a position adds it. The readings do not contain their
+    /// effect.
     pub(super) positions: Vec<ControlledPosition>,
-    /// The readings contain the effect of these values.
+    /// Corrections of linear axes. The readings contain their effect.
     pub(super) travels: Vec<ControlledTravel>,
 }
 
@@ -87,7 +88,7 @@ impl ControlModel {
         }
     }
 
-    /// Tables that correct the travel of linear axes; the indices of their entries are those of `values`.
+    /// Tables that correct the travel of linear axes. The entries refer to `values` by index.
     pub fn of_travels(values: Vec<ControlValue>, travels: Vec<ControlledTravel>) -> Self {
         Self { values, positions: Vec::new(), travels }
     }
@@ -101,7 +102,7 @@ impl ControlModel {
         &self.values
     }
 
-    /// The values of the control now, mm.
+    /// The present values of the control, mm.
     pub(super) fn present_mm(&self) -> Vec<f64> {
         self.values.iter().map(|value| value.present_mm).collect()
     }
@@ -112,8 +113,8 @@ impl ControlModel {
         self.positions.iter().map(|position| values_mm[position.adjusted_value] + added(position)).collect()
     }
 
-    /// The values for these positions and corrections of travels, in the steps of the control, mm. The present value is
-    /// kept where it is as near as the nearest step.
+    /// The values for these positions and corrections of travels, in the steps of the control, mm. A present value
+    /// within half a step of the exact value is kept.
     pub(super) fn values_mm(&self, positions_mm: &[f64], corrections_mm: &[f64]) -> Vec<f64> {
         let present_mm = self.present_mm();
         let mut values_mm = present_mm.clone();
@@ -133,9 +134,10 @@ impl ControlModel {
         values_mm
     }
 
-    /// Errors of the machine that a control with `values_mm` takes into account, and that the readings contain: location
-    /// errors relative to the stated axes, and gains of linear axes by the change of the values. Positions for which
-    /// `is_determined` is false count as right in the control. `at_mm`: as [`super::MeasuredAxisPositions::at_mm`].
+    /// Errors of the machine that a control with `values_mm` takes into account, and that the readings contain:
+    /// location errors relative to the stated axes, and gains of linear axes by the change of the values. Positions for
+    /// which `is_determined` is false count as right in the control. `at_mm`: as
+    /// [`super::MeasuredAxisPositions::at_mm`].
     ///
     /// # Errors
     /// The machine has no such axis.
@@ -188,7 +190,7 @@ impl ControlModel {
     }
 }
 
-/// The step nearest to `exact_mm`; the present value where it is as near.
+/// The step nearest to `exact_mm`; the present value if it is within half a step.
 fn nearest_step(exact_mm: f64, present_mm: f64, steps_per_mm: f64) -> f64 {
     let is_unchanged = (exact_mm - present_mm).abs() <= 0.5 / steps_per_mm;
     if is_unchanged { present_mm } else { (exact_mm * steps_per_mm).round() / steps_per_mm }

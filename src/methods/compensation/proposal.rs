@@ -10,7 +10,7 @@ use crate::MethodRefusal;
 /// Options of a proposal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProposalOptions {
-    /// Also changes positions of which the deviation is within U.
+    /// Whether positions whose deviation is within U are changed too.
     pub with_insignificant_changes: bool,
     /// Largest change of a position, mm.
     pub max_change_mm: f64,
@@ -33,25 +33,26 @@ pub struct ProposedPosition {
     #[serde(rename = "U_mm", skip_serializing_if = "Option::is_none")]
     pub expanded_mm: Option<f64>,
     pub proposed_mm: f64,
-    /// Why the present position is kept, and what to do about it. Absent: it is changed.
+    /// Reason to keep the present position, with a remedy. Absent: the position is changed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kept: Option<MethodRefusal>,
 }
 
-/// The correction of the travel of a linear axis, mm: present in the control, required by the measurement, and proposed.
+/// The correction of the travel of a linear axis, mm: present in the control, required by the measurement, and
+/// proposed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ProposedTravel {
     #[serde(flatten)]
     pub travel: AxisTravel,
     pub present_mm: f64,
-    /// The present correction and the negative of the measured error. Absent: the run does not determine the error.
+    /// Present correction minus measured error. Absent: the run does not determine the error.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub required_mm: Option<f64>,
     /// Expanded uncertainty of the measured error.
     #[serde(rename = "U_mm", skip_serializing_if = "Option::is_none")]
     pub expanded_mm: Option<f64>,
     pub proposed_mm: f64,
-    /// Why the present correction is kept, and what to do about it. Absent: it is changed.
+    /// Reason to keep the present correction, with a remedy. Absent: the correction is changed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kept: Option<MethodRefusal>,
 }
@@ -85,8 +86,8 @@ impl Proposal {
     }
 }
 
-/// Proposes the measured positions and corrections, and the values of the control for them. What the run does not
-/// determine, or what deviates by less than U, is kept: then a value may change so that the position does not.
+/// Proposes the measured positions and corrections, and the values of the control for them. A position or correction
+/// that the run does not determine, or that deviates by less than U, is kept; its value may still change to keep it.
 ///
 /// # Errors
 /// A change is larger than allowed; the run determines nothing that the control corrects.
@@ -172,7 +173,7 @@ fn propose_travel(
         Ok(error) => error,
         Err(refusal) => return Ok(ProposedTravel { kept: Some(refusal), ..unchanged }),
     };
-    // The error remained with the present correction.
+    // The error was measured with the present correction active.
     let required_mm = present_mm - error.mm;
     let kept = reason_to_keep(-error.mm, error.expanded_mm, options, &format!("the travel of {}", travel.axis))?;
     Ok(ProposedTravel {
@@ -184,7 +185,7 @@ fn propose_travel(
     })
 }
 
-/// `None`: the change by `deviation_mm` is significant, or wanted.
+/// `None`: the change by `deviation_mm` is significant, or the options allow insignificant changes.
 ///
 /// # Errors
 /// The change is larger than allowed.

@@ -26,7 +26,7 @@ impl AxisTravel {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TravelEntry {
     pub nominal_mm: f64,
-    /// Index of the value.
+    /// Index of the control value.
     pub value: usize,
     /// Change of the value with the correction: 1, or -1 where the value states the actual position.
     pub sign: f64,
@@ -42,18 +42,18 @@ pub struct ControlledTravel {
 }
 
 impl ControlledTravel {
-    /// `None`: the entries have fewer than two positions. Their positions increase; the entries of one position are in
-    /// the same order everywhere.
+    /// `None`: the entries have fewer than two positions. The entries must be sorted by increasing position, with the
+    /// directions of motion in the same order at every position.
     pub fn new(axis: Axis, entries: Vec<TravelEntry>) -> Option<Self> {
         let first = *entries.first()?;
-        // For the same direction of motion as the first.
+        // The entry at the end position for the direction of motion of the first entry.
         let end_mm = entries.last()?.nominal_mm;
         let last = *entries.iter().find(|entry| entry.nominal_mm == end_mm)?;
         let travel = AxisTravel { axis, from_mm: first.nominal_mm, to_mm: last.nominal_mm };
         (travel.length_mm() > 0.0).then_some(Self { travel, entries, first, last })
     }
 
-    /// By how much the table makes the travel longer than commanded, mm.
+    /// Excess of the travel over the commanded travel that the table causes, mm.
     pub(super) fn correction_mm(&self, values_mm: &[f64]) -> f64 {
         let at = |entry: TravelEntry| match entry.sign < 0.0 {
             true => entry.nominal_mm - values_mm[entry.value],
@@ -62,14 +62,14 @@ impl ControlledTravel {
         at(self.last) - at(self.first)
     }
 
-    /// Change of the value of `entry` where the travel becomes longer by `change_mm`. The correction at zero does not
-    /// change, because homing has set this position.
+    /// Change of the value of `entry` that lengthens the travel by `change_mm`. The correction at zero does not change,
+    /// because homing has set this position.
     pub(super) fn change_of(&self, entry: &TravelEntry, change_mm: f64) -> f64 {
         entry.sign * change_mm * entry.nominal_mm / self.travel.length_mm()
     }
 }
 
-/// The gain for which a table that makes the travel longer by `change_mm` is the correction.
+/// Gain error that a table compensates by lengthening the travel by `change_mm`.
 pub(super) fn compensated_gain(
     chain: &KinematicChain,
     travel: AxisTravel,
@@ -84,7 +84,7 @@ pub(super) fn gain_of(axis: Axis) -> Result<ErrorParameter, MethodRefusal> {
         .map_err(|error| MethodRefusal::new(error.to_string(), "state the tables of linear axes only"))
 }
 
-/// By how much the tool moves too far relative to the workpiece over the travel, by the gain of the axis, mm per mm/mm.
+/// Excess motion of the tool relative to the workpiece over the travel, per unit gain of the axis, mm per mm/mm.
 pub(super) fn error_by_gain_mm(chain: &KinematicChain, travel: AxisTravel) -> Result<f64, MethodRefusal> {
     // The model is linear in a gain of this size.
     const GAIN: f64 = 1e-3;

@@ -27,7 +27,7 @@ use crate::service::worker_command::CompensationResultReceiver;
 use crate::store::RunId;
 use methods::compensation::ProposalOptions;
 
-/// Less than the time limit of a request.
+/// Maximum time to wait for the worker's result; shorter than the time limit of a request.
 const MAX_RESPONSE_TIME: Duration = Duration::from_secs(7);
 
 pub fn compensation_routes() -> OpenApiRouter<AppState> {
@@ -41,7 +41,7 @@ pub fn compensation_routes() -> OpenApiRouter<AppState> {
         .routes(routes!(get_sheet_file))
 }
 
-/// How values are proposed, as the options of `trued compensate propose`.
+/// Options of a proposal, as of `trued compensate propose`.
 #[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ProposalQuery {
@@ -92,8 +92,8 @@ struct CompensationDecision {
     target: Option<String>,
 }
 
-/// Number of a compensation. Absent: the control is slow, and the values are still being written; the page of the machine
-/// and the audit log show the end.
+/// Number of a compensation. Absent: the values are still being written, because the control is slow; the page of the
+/// machine and the audit log will show the result.
 #[derive(Debug, Serialize, ToSchema)]
 struct CompensationNumber {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -182,20 +182,20 @@ async fn get_sheet_file(State(app): State<AppState>, Path(run): Path<i64>) -> Re
     Ok(attachment(CSV_CONTENT_TYPE, &format!("run-{run}-errors.csv"), csv))
 }
 
-/// Name of the person who decides. Without tokens nobody is known to be a metrologist.
+/// Name of the person who decides. Without tokens, the role of this person is unknown.
 fn decision_name(caller: &Caller, who: &str) -> Result<String, Problem> {
     match caller.has_token() {
         true => caller.audit_name(who),
         false => Err(Problem::new(
             StatusCode::FORBIDDEN,
             "no-token",
-            "without tokens the service cannot know that a metrologist decides",
+            "without tokens the service cannot verify that a metrologist decides",
             "set `tokens = true` in [serve.http] and add a token with `trued token add`, or use `trued compensate`",
         )),
     }
 }
 
-/// Waits for the result, but not longer than a response may take. The result is in the audit log in any case.
+/// Waits a limited time for the result of the worker. The result is in the audit log in any case.
 async fn audit_and_respond(
     app: AppState,
     machine: ServedMachine,

@@ -1,11 +1,11 @@
-//! `[compensation.KIND]`: values of the control that compensate measured errors.
+//! `[compensation.KIND]`: access to the compensation values of the control.
 
 use serde::Deserialize;
 
 use super::document::TomlDocument;
 use super::error::MachineFileError;
 
-/// Values of the control of one kind, from `[compensation.KIND]`.
+/// One kind of compensation values of the control, from `[compensation.KIND]`.
 #[derive(Debug, Clone)]
 pub enum CompensationConfig {
     LinuxcncTrunnion(LinuxcncHalConfig),

@@ -70,7 +70,7 @@ pub fn interrupted_write_leaves_whole_files() {
     shop.assert_refused(&compensate(&["write", "2", "--approve", hash, "--who", "Ada"]), "cannot be read or written");
     assert_eq!(tables(&shop), [NEW_X_TABLE, Z_TABLE]);
     assert_eq!(state(&shop), CompensationState::Writing);
-    shop.assert_refused(&compensate(&["write", "2", "--approve", hash, "--who", "Ada"]), "could be made twice");
+    shop.assert_refused(&compensate(&["write", "2", "--approve", hash, "--who", "Ada"]), "could be corrected twice");
     std::fs::remove_dir(&obstacle).unwrap();
     assert!(compensate(&["undo", "--who", "Ada"]).status.success());
     assert_eq!(tables(&shop), [X_TABLE, Z_TABLE]);
@@ -124,10 +124,10 @@ pub fn run_with_a_file_that_is_not_in_effect_gives_no_proposal() {
     }
     drop(journal);
     let refused = shop.compensate(&["propose", "3", "--target", "linuxcnc-joints"]);
-    shop.assert_refused(&refused, "a correction could be made twice");
+    shop.assert_refused(&refused, "an error could be corrected twice");
     // Positions measured with other tables are not those of the control either.
     let refused = shop.compensate(&["propose", "1", "--target", "linuxcnc-trunnion"]);
-    shop.assert_refused(&refused, "(linuxcnc-joints): the readings contain their effect");
+    shop.assert_refused(&refused, "(linuxcnc-joints) during the run: the readings contain the effect of these values");
 }
 
 pub fn corrections_of_travel_are_written_confirmed_and_restored() {
@@ -149,7 +149,7 @@ pub fn corrections_of_travel_are_written_confirmed_and_restored() {
     assert!(stderr(&check).contains("only after a restart"), "{}", stderr(&check));
     shop.assert_refused(
         &compensate(&["write", "2", "--approve", hash, "--who", "Ada"]),
-        "a correction could be made twice",
+        "an error could be corrected twice",
     );
     let finish = || compensate(&["finish", "--who", "Ada"]);
     // A person has restored the old files, or entered others, and LinuxCNC uses them.
@@ -161,14 +161,14 @@ pub fn corrections_of_travel_are_written_confirmed_and_restored() {
     shop.assert_refused(&finish(), "X x.comp 300.0 forward is -0.9 mm, not -0.06 mm as written");
     write_tables(&shop, NEW_X_TABLE, NEW_Z_TABLE);
     set_corrections(&shop, 300.0, -0.03, 0.0);
-    shop.assert_refused(&finish(), "corrects X at 300 mm by -0.03 mm, not by -0.06 mm");
+    shop.assert_refused(&finish(), "corrects X at 300 mm by -0.03 mm; the file has -0.06 mm");
     set_corrections(&shop, 0.0, 0.0, 0.0);
     shop.assert_refused(&finish(), "does not show whether it uses the new file");
     set_corrections(&shop, 150.0, -0.035, 0.0075);
     assert!(finish().status.success(), "{}", stderr(&finish()));
     assert_eq!(state(&shop), CompensationState::Written);
     // The readings of this run contain the effect of the old tables only.
-    shop.assert_refused(&compensate(&["propose", "2"]), "a correction could be made twice");
+    shop.assert_refused(&compensate(&["propose", "2"]), "an error could be corrected twice");
     let undone = compensate(&["undo", "--who", "Ada"]);
     assert!(undone.status.success(), "{}", stderr(&undone));
     assert_eq!(tables(&shop), [X_TABLE, Z_TABLE], "byte for byte");

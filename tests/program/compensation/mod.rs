@@ -39,7 +39,7 @@ fn approved_values_are_written_and_restored() {
     let status = String::from_utf8(shop.compensate(&["status"]).stdout).unwrap();
     assert!(status.contains("written by Ada"), "{status}");
     // The same hash again: the control now holds other values.
-    shop.assert_refused(&shop.write(&hash), "is not the present one");
+    shop.assert_refused(&shop.write(&hash), "is not the present proposal");
     let undone = shop.compensate(&["undo", "--who", "Bob"]);
     assert!(undone.status.success() && shop.is_as_before(), "{}", stderr(&undone));
     let trend = String::from_utf8(shop.shop.run_trued(&["trend"]).stdout).unwrap();
@@ -73,7 +73,7 @@ fn sheet_lists_the_measured_positions() {
 fn write_that_is_not_safe_is_refused() {
     let shop = CompensationShop::new();
     let hash = shop.hash();
-    shop.assert_refused(&shop.write(&"0".repeat(64)), "is not the present one");
+    shop.assert_refused(&shop.write(&"0".repeat(64)), "is not the present proposal");
     for (from, to, expected) in [
         (
             "float IN 0 motion.switchkins-type",
@@ -81,7 +81,7 @@ fn write_that_is_not_safe_is_refused() {
             "the kinematics apply the values now",
         ),
         ("TRUE motion.in-position", "FALSE motion.in-position", "the machine moves"),
-        ("0.0123 xyz", "0.0124 xyz", "is not the present one"),
+        ("0.0123 xyz", "0.0124 xyz", "is not the present proposal"),
         ("rot-point\n10 float IN 0.02", "rot-point <== offset\n10 float IN 0.02", "connected to the signal offset"),
         ("0.0123 xyz", "nan xyz", "not a finite number"),
         ("kins.x-offset", "kins.x_offset", "no pin xyzbc-trt-kins.x-offset"),
@@ -103,7 +103,7 @@ fn write_that_is_not_safe_is_refused() {
     assert!(shop.is_as_before() && shop.state().is_none());
     // The machine file has changed since the run.
     shop.shop.replace_in_machine_file("[0.012, -0.008, 0.0]", "[0.012, -0.009, 0.0]");
-    shop.assert_refused(&shop.write(&hash), "otherwise than run 1");
+    shop.assert_refused(&shop.write(&hash), "differ from those of run 1");
 }
 
 /// Another person changes a value after the first one is written.

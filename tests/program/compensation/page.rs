@@ -92,7 +92,7 @@ pub fn metrologist_approves_values_on_the_page() {
     assert_eq!(serve.post(&undo, metrologist, &json!({"who": "Ada"})).0, 201);
     assert!(shop.is_as_before());
     let (_, audit) = serve.get("/api/v1/audit", viewer);
-    for part in ["compensation from run 1", "undo of the last compensation", "is not the present one"] {
+    for part in ["compensation from run 1", "undo of the last compensation", "is not the present proposal"] {
         assert!(audit.contains(part), "{part}: {audit}");
     }
 }

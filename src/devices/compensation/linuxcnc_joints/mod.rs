@@ -29,13 +29,13 @@ pub enum JointTableError {
     UnknownType { path: PathBuf, joint: usize },
     #[error("two joints have the compensation file {path}", path = path.display())]
     SharedFile { path: PathBuf },
-    #[error("LinuxCNC corrects {axis} at {position_mm} mm by {active_mm} mm, not by {expected_mm} mm as the file says")]
+    #[error("LinuxCNC corrects {axis} at {position_mm} mm by {active_mm} mm; the file has {expected_mm} mm")]
     NotInEffect { axis: Axis, position_mm: f64, active_mm: f64, expected_mm: f64 },
     #[error("at {position_mm} mm of {axis} LinuxCNC's correction does not show whether it uses the new file")]
     NotDistinguishable { axis: Axis, position_mm: f64 },
     #[error("after the write, `{name}` reads `{read}` instead of `{written}`")]
     ReadBack { name: String, written: String, read: String },
-    #[error("{path} gives {axis} to several joints", path = path.display())]
+    #[error("{path} assigns {axis} to several joints", path = path.display())]
     Gantry { path: PathBuf, axis: Axis },
 }
 
@@ -54,7 +54,7 @@ impl JointTableError {
             Self::UnknownType { .. } => {
                 "set COMP_FILE_TYPE to the type of the file: 0 if its values are actual positions, 1 if they are corrections"
             }
-            Self::Gantry { .. } => "correct the files of these joints by hand",
+            Self::Gantry { .. } => "correct the compensation files of the joints of this axis by hand",
             Self::SharedFile { .. } => "give each joint a file of its own",
             Self::NotInEffect { .. } => "restart LinuxCNC and home all axes, then try again",
             Self::NotDistinguishable { .. } => {
@@ -66,7 +66,7 @@ impl JointTableError {
     }
 }
 
-/// Meaning of the values of a file.
+/// Meaning of the values in a compensation file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TableKind {
     /// `COMP_FILE_TYPE = 0`: the actual position.
@@ -80,9 +80,9 @@ pub enum TableKind {
 pub struct JointTable {
     pub axis: Axis,
     pub kind: TableKind,
-    /// Name of the file, for the names of its values.
+    /// Name of the file; part of the names of its values.
     pub file_name: String,
-    /// Position by position, forward and reverse.
+    /// Two values for each position: forward, then reverse.
     pub values: Vec<TableValue>,
 }
 
@@ -92,7 +92,7 @@ impl JointTable {
         format!("{} {} {}", self.axis, self.file_name, value.name())
     }
 
-    /// The correction at a position of the joint, in between the positions of the table; at its ends beyond them.
+    /// Correction at `position_mm`, interpolated in the table; beyond the table, that of its nearest end.
     fn correction_mm(&self, direction: MotionDirection, position_mm: f64) -> f64 {
         let correction = |value: &TableValue| match self.kind {
             TableKind::Correction => value.mm,
@@ -149,12 +149,12 @@ impl JointTables {
         }
     }
 
-    /// INI file and command.
+    /// INI file and `halcmd` command, in words.
     pub fn describe(&self) -> String {
         format!("compensation files of {}, by `{}`", self.ini.display(), self.pins.describe())
     }
 
-    /// The tables of the files.
+    /// Reads the tables of all files.
     ///
     /// # Errors
     /// A file cannot be read, or is not valid.
@@ -162,10 +162,10 @@ impl JointTables {
         self.files.iter().map(JointFile::read).collect()
     }
 
-    /// Writes these values, each file at once, and reads them back. LinuxCNC uses them from its next start on.
+    /// Writes `values`, each file as a whole, and reads them back. LinuxCNC uses them after its next start.
     ///
     /// # Errors
-    /// There is no such value; a file cannot be written, or reads back otherwise.
+    /// A value does not exist; a file cannot be written, or reads back with other values.
     pub fn write(&self, values: &[NamedText<'_>]) -> Result<(), JointTableError> {
         for file in &self.files {
             let prefix = file.name_prefix();
@@ -181,9 +181,9 @@ impl JointTables {
         Ok(())
     }
 
-    /// Checks that LinuxCNC corrects each axis, where it stands, as its file says, and not as `others` say. `others`: the
-    /// tables that it must not use, in the order of [`Self::read`]; where they are equal to the file, or none are given,
-    /// only the first is checked.
+    /// Checks at the present position of each axis that LinuxCNC applies the correction of the axis' file, and not that
+    /// of `others`. `others`: tables that LinuxCNC must not use, in the order of [`Self::read`]. A table of `others`
+    /// that is missing or equal to that of the file is not checked.
     ///
     /// # Errors
     /// LinuxCNC uses other tables, or its correction does not show which ones.
@@ -197,7 +197,7 @@ impl JointTables {
     }
 }
 
-/// The axis stands where a motion in either direction has ended.
+/// The direction of the last motion is unknown: the correction of either direction counts as active.
 fn check_table_in_effect(
     pins: &ComponentPins,
     table: &JointTable,
@@ -226,7 +226,7 @@ impl JointFile {
         self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 
-    /// What the names of its values begin with.
+    /// Text with which the names of the file's values begin.
     fn name_prefix(&self) -> String {
         format!("{} {} ", self.axis, self.file_name())
     }
@@ -249,8 +249,8 @@ impl JointFile {
     }
 }
 
-/// The files of the joints of X, Y and Z. The joints are in the order of the axes: as the kinematics are told, otherwise as
-/// `COORDINATES` lists them.
+/// The files of the joints of X, Y and Z. The joints are numbered in the order of the axes in `coordinates=` of the
+/// kinematics or, if that is missing, in `COORDINATES`.
 fn joint_files(file: &IniFile, ini: &Path) -> Result<Vec<JointFile>, JointTableError> {
     let of_kinematics = file.kinematics().unwrap_or_default().split_whitespace();
     let of_kinematics = of_kinematics.filter_map(|word| word.strip_prefix("coordinates=")).next();
@@ -281,7 +281,7 @@ fn joint_files(file: &IniFile, ini: &Path) -> Result<Vec<JointFile>, JointTableE
 mod tests {
     use super::*;
 
-    /// Without a type LinuxCNC takes the values as actual positions.
+    /// If COMP_FILE_TYPE is missing, LinuxCNC reads the values as actual positions.
     #[test]
     fn files_of_the_joints_are_found_in_the_ini_file() {
         let folder = tempfile::tempdir().unwrap();

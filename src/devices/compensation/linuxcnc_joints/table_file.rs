@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use crate::compensation::NamedText;
 
-/// Most lines that LinuxCNC reads (User Manual, "INI Configuration", `COMP_FILE`).
+/// Maximum number of lines that LinuxCNC reads (User Manual, "INI Configuration", `COMP_FILE`).
 const MAX_LINES: usize = 256;
-/// Longest line that LinuxCNC reads at once, bytes.
+/// Maximum length of a line for LinuxCNC, bytes.
 const MAX_LINE_BYTES: usize = 250;
 
 #[derive(Debug, thiserror::Error)]
@@ -31,9 +31,9 @@ impl TableFileError {
             Self::Io { .. } => "run trued on the computer of the control, as a user who may write this file",
             Self::InvalidLine { .. } | Self::LineCount { .. } => {
                 "correct the file: each line has the position and the values for both directions, in increasing order, without \
-                 empty lines; without a correction the first and the last position of the travel, each with zeros"
+                 empty lines; a file without corrections has both ends of the travel, each with zeros"
             }
-            Self::NoSuchValue { .. } => "do not edit the file between a proposal and its end; restore it from a backup",
+            Self::NoSuchValue { .. } => "restore the file from a backup; do not edit it during a compensation",
         }
     }
 }
@@ -90,10 +90,10 @@ impl TableFile {
         Ok(Self { path: path.to_owned(), text })
     }
 
-    /// The values line by line, each line forward and reverse.
+    /// Values of all lines, in order; for each line forward, then reverse.
     ///
     /// # Errors
-    /// A line is not valid; there are too few or too many.
+    /// A line is not valid, or the file has too few or too many lines.
     pub fn values(&self) -> Result<Vec<TableValue>, TableFileError> {
         let mut values: Vec<TableValue> = Vec::new();
         let mut count = 0;
@@ -110,10 +110,10 @@ impl TableFile {
         }
     }
 
-    /// Replaces the file at once by one with these values. All other bytes are as before.
+    /// Atomically replaces the file by a copy with `values`. All other bytes are unchanged.
     ///
     /// # Errors
-    /// There is no such value; the file cannot be written.
+    /// The file has no value of a name, or cannot be written.
     pub fn write_values(&self, values: &[NamedText<'_>]) -> Result<(), TableFileError> {
         let mut text = self.text.clone();
         for value in values {
@@ -123,14 +123,14 @@ impl TableFile {
         self.replace_file(&text).map_err(|source| TableFileError::Io { path: self.path.clone(), source })
     }
 
-    /// The new file is on the disk before it takes the place of the old one; it keeps owner and permissions.
+    /// Writes a new file to the disk, with owner and permissions of the old one, and renames it over the old one.
     fn replace_file(&self, text: &str) -> io::Result<()> {
         let folder = self.path.parent().unwrap_or(Path::new("."));
         let name = self.path.file_name().unwrap_or_default().to_string_lossy();
         let new_path = folder.join(format!(".{name}.trued"));
         match fs::remove_file(&new_path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            // A write before this one was interrupted.
+            // Removes the new file that an interrupted write has left.
             _ => {}
         }
         if let Err(error) = self.write_beside(&new_path, text).and_then(|()| fs::rename(&new_path, &self.path)) {
@@ -150,7 +150,7 @@ impl TableFile {
     }
 }
 
-/// The text of a file with one value replaced. `None`: there is no such value.
+/// The text of a file with one value replaced; `None` if the file has no value of that name.
 fn with_value(text: &str, value: &NamedText<'_>) -> Option<String> {
     let replace = |line: &str| {
         let [_, forward, reverse] = words_with_offsets(line)?;
@@ -165,7 +165,7 @@ fn with_value(text: &str, value: &NamedText<'_>) -> Option<String> {
     Some(lines.concat())
 }
 
-/// `None`: not three numbers.
+/// Parses a line: its position with the forward and the reverse value. `None` if it is not three numbers.
 fn parse_line(line: &str) -> Option<[TableValue; 2]> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let [position, values @ ..] = &words[..] else { return None };
@@ -229,7 +229,7 @@ mod tests {
             ("0 0 0\n1 0 nan\n", "line 2"),
             ("0 0 0\n0 0 0\n", "line 2"),
             ("; X\n0 0 0\n1 0 0\n", "line 1"),
-            // LinuxCNC ends there.
+            // LinuxCNC stops reading at an empty line.
             ("0 0 0\n\n1 0 0\n", "line 2"),
             (&format!("0 0 0\n1 0 {}0\n", " ".repeat(250)), "line 2"),
             (&(0..257).map(|at| format!("{at} 0 0\n")).collect::<String>(), "has 257 lines"),

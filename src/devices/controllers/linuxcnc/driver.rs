@@ -28,7 +28,7 @@ use planning::proof::{ProvenBlock, ProvenModeText};
 pub(super) const MAX_LINK_WRITE_TIME: Duration = Duration::from_millis(20);
 /// Step number in errors of a program that belongs to no block.
 const STEP_NUMBER_WITHOUT_BLOCK: u32 = 0;
-/// A program that moves nothing, as the runner watches it.
+/// Watched properties of a program that moves nothing.
 const PROGRAM_WITHOUT_MOTION: WatchedProgram<'_> = WatchedProgram {
     step: STEP_NUMBER_WITHOUT_BLOCK,
     planned_standstill_time: Duration::ZERO,
@@ -41,7 +41,7 @@ const HALT_COMMANDS: &[u8] = b"set enable EMCTOO\nset abort\n";
 pub struct LinuxCncSettings {
     /// Address of linuxcncrsh, by default port 5007.
     pub address: LinkAddress,
-    /// Directory that `trued` and LinuxCNC see under the same absolute name and can both write.
+    /// Directory that `trued` and LinuxCNC reach under the same absolute path, both with write permission.
     pub shared_directory: PathBuf,
     /// The machine's axes.
     pub axes: Vec<Axis>,
@@ -57,7 +57,7 @@ pub struct LinuxCncDriver {
     halt_connection: RshClient,
     halt: HaltHandle,
     files: SharedFiles,
-    /// Mode of the control, which `restore_modes` restores; each program restores its other modal state itself.
+    /// Task mode before the preparation, which `restore_modes` restores; a program restores all other modal state.
     initial_mode: Option<String>,
     is_prepared: bool,
     /// Orientation of the spindle, rad, once it was commanded.
@@ -69,7 +69,7 @@ impl LinuxCncDriver {
     /// Connects twice: once to command, once to halt. Nothing is commanded yet.
     ///
     /// # Errors
-    /// No linuxcncrsh at the address; an unusable directory.
+    /// No linuxcncrsh answers at the address, or the directory is not usable.
     pub async fn open(
         settings: LinuxCncSettings,
         modes: ProvenModeText,
@@ -104,7 +104,7 @@ impl LinuxCncDriver {
         Self { sampler, ..self }
     }
 
-    /// Checks the switches and the state; changes only how linuxcncrsh answers.
+    /// Checks emergency stop, power, homing, program state and feed override; changes only how linuxcncrsh answers.
     async fn check_switches_and_state(&mut self, ini: Option<&IniFile>) -> Result<(), ControllerError> {
         // Both settings apply to all connections. With a timeout linuxcncrsh would acknowledge commands
         // that the task has not accepted.
@@ -115,7 +115,7 @@ impl LinuxCncDriver {
         let homed = self.rsh.get("joint_homed").await?;
         let joints = ini.and_then(IniFile::joint_count);
         prepare::check_switches(&estop, &machine, &homed, &self.settings.axes, joints)?;
-        // The reported switches may be outdated. (While the machine is stopped, this would be refused.)
+        // The reported switches may be outdated. A machine that is off refuses this request.
         program_runner::request_sign_of_life(&mut self.rsh).await?;
         if self.rsh.get("program_status").await? != "IDLE" {
             return Err(ControllerError::not_ready(
@@ -279,8 +279,8 @@ impl LinuxCncDriver {
             self.halt_connection.link.urgent_sender().send(HALT_COMMANDS);
             return error;
         }
-        // A connection without an answer is not used again. The other one may still work, and a frozen task
-        // that resumes takes the abort first.
+        // A connection that gave no answer is not used again. The halt connection may still work, and a frozen task
+        // that resumes executes the abort first.
         let is_unresponsive = matches!(
             error,
             ControllerError::ControlFrozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_)

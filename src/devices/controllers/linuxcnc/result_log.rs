@@ -4,8 +4,8 @@ use crate::controllers::ControllerError;
 use machine::{Axis, Position};
 use planning::gcode::ProbeFault;
 
-/// Smallest distance of a contact from the start of its move, mm. A nearer contact was there before the
-/// move; a measuring touch with such a contact is invalid.
+/// Smallest distance of a contact from the start of its move, mm. At a smaller distance the probe was closed before the
+/// move, and the touch is invalid.
 const MIN_CONTACT_DISTANCE_FROM_START_MM: f64 = 0.000_1;
 
 /// Axes of the parameters #5061 to #5066.
@@ -39,9 +39,9 @@ pub(super) enum ProgramResult {
 }
 
 impl ResultLog {
-    /// Parses what the block of `step` has written; a last line without a line end is still incomplete. `from`, `guarded`
-    /// and `touch` have the step, the index of the motion in its block, for the last two whether the probe made contact (1
-    /// or 0), and the position.
+    /// Parses what the block of `step` has written; a last line without a line end is still incomplete. The lines
+    /// `from`, `guarded` and `touch` have the step, the index of the motion in its block, the contact (1 or 0; not in
+    /// `from`) and the position.
     pub fn parse(text: &str, step: u32) -> Result<Self, ControllerError> {
         let mut log = Self::default();
         let mut from = Vec::new();

@@ -141,7 +141,8 @@ fn control_model_equals_the_equations_of_linuxcnc() {
     }
 }
 
-/// An estimate of `method` with these values in their units (µm, µrad, µm/m; mm for the stylus), each with u = 0.5 µm or
+/// An estimate of `method` with these values in their units (µm, µrad, µm/m; mm for the stylus), each with u = 0.5 µm
+/// or
 /// 0.5 µrad, u = 0.5 µm for the stylus.
 fn estimate_of(method: &str, values: &[(&str, f64)], held_at_zero: &[&str]) -> Estimate {
     let unit_and_u = |symbol: &str| -> (&str, f64) {
@@ -289,7 +290,8 @@ fn positions_of_a_self_calibration_are_those_of_the_control() {
     assert!((error - Vector3::new(0.08, -0.06, 0.0)).norm() < 1e-5, "{error}");
 }
 
-/// With an angle of 30 µrad more than 90° between X and Y a diagonal is 1.3 µm shorter, whichever axis carries the other.
+/// With an angle of 30 µrad more than 90° between X and Y a diagonal is 1.3 µm shorter, whichever axis carries the
+/// other.
 #[test]
 fn squareness_of_a_self_calibration_shortens_the_diagonal() {
     for topology in ["w-C-B-b-Y-X-Z-S-t", "w-C-B-b-X-Y-Z-S-t", "w-C-B-X-F-Z-Y-S-t"] {
