@@ -40,7 +40,7 @@ pub fn compensate_command(args: &CompensateArgs, state: Option<&Path>) -> Result
     let journal = Journal::open(&folder)?;
     match &args.action {
         CompensateAction::Sheet(args) => write_sheet(&journal, args)?,
-        CompensateAction::Control(action) => act_on_control(action, &folder, &journal)?,
+        CompensateAction::Control(action) => run_control_action(action, &folder, &journal)?,
     }
     Ok(ExitStatus::Pass)
 }
@@ -55,7 +55,7 @@ fn write_sheet(journal: &Journal, SheetArgs { run, out }: &SheetArgs) -> Result<
     Ok(())
 }
 
-fn act_on_control(action: &ControlAction, folder: &Path, journal: &Journal) -> Result<(), CommandFailure> {
+fn run_control_action(action: &ControlAction, folder: &Path, journal: &Journal) -> Result<(), CommandFailure> {
     let TargetArgs { machine, target } = action.target();
     let file = MachineFile::read(machine).map_err(SetupError::from)?;
     let compensation = MachineCompensation::open(&file, journal, target.as_deref())?;
@@ -65,18 +65,18 @@ fn act_on_control(action: &ControlAction, folder: &Path, journal: &Journal) -> R
             let proposal = compensation.propose(source.source())?;
             if *json { show::print_json(&proposal)? } else { print_proposal(&proposal) }
         }
-        ControlAction::Write(write) => print_written(&compensation, &lock()?, write)?,
-        ControlAction::Undo(by) => print_undone(&compensation, &compensation.undo(&lock()?, &by.who)?),
+        ControlAction::Write(write) => write_compensation_and_print(&compensation, &lock()?, write)?,
+        ControlAction::Undo(by) => print_restored_values(&compensation, &compensation.undo(&lock()?, &by.who)?),
         ControlAction::Finish(by) => {
             let finished = compensation.finish(&lock()?, &by.who)?;
             outln!("compensation {} is finished", finished.id);
         }
-        ControlAction::Status(args) => print_status(&compensation, args.hal.as_deref())?,
+        ControlAction::Status(args) => print_status_and_write_hal_file(&compensation, args.hal.as_deref())?,
     }
     Ok(())
 }
 
-fn print_written(
+fn write_compensation_and_print(
     compensation: &MachineCompensation<'_>,
     lock: &MachineLock,
     args: &WriteCompensationArgs,
@@ -90,14 +90,17 @@ fn print_written(
     Ok(())
 }
 
-fn print_undone(compensation: &MachineCompensation<'_>, undone: &StoredCompensation) {
+fn print_restored_values(compensation: &MachineCompensation<'_>, undone: &StoredCompensation) {
     for change in &undone.changes {
         outln!("{}: {} mm, as before compensation {}", change.name, format_fixed(change.before_mm, 4), undone.id);
     }
     outln!("{}", compensation.target().advice_after_write());
 }
 
-fn print_status(compensation: &MachineCompensation<'_>, hal: Option<&Path>) -> Result<(), CommandFailure> {
+fn print_status_and_write_hal_file(
+    compensation: &MachineCompensation<'_>,
+    hal: Option<&Path>,
+) -> Result<(), CommandFailure> {
     let CompensationStatus { values, last } = compensation.status()?;
     for value in &values {
         outln!("{:<32} {:>10} mm", value.name, format_fixed(value.present_mm, 4));

@@ -17,5 +17,5 @@ pub use proposal_table::{PositionRow, ProposalTable, ValueRow};
 pub use sheet::{RenderedSheet, render_correction_sheet};
 pub use target::CompensationTarget;
 pub use targets::open_target;
-pub use values_record::{describe_values_of_control, recorded_values_in_readings};
+pub use values_record::{describe_compensation_values, recorded_compensation_file_values};
 pub use write::{CompensationWriteError, CompensationWriter};

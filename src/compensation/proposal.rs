@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::target::{CompensationTarget, TargetError};
 use super::targets::open_target;
-use super::values_record::has_run_with_values;
+use super::values_record::records_same_values;
 use crate::setup::{ControlConfig, MachineFile, MachineFileError};
 use crate::store::{Journal, RunId, StoreError, StoredEstimate, StoredRun, sha256_of_json};
 use machine::kinematics::{ErrorParameter, KinematicChain};
@@ -40,7 +40,7 @@ pub enum ControlProposalError {
         "the record of run {run} does not confirm that the control used its present compensation values ({kind}) \
          during the run: the readings contain the effect of these values, and an error could be corrected twice"
     )]
-    OtherValues { run: RunId, kind: &'static str },
+    CompensationValuesMismatch { run: RunId, kind: &'static str },
     #[error("the proposal cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
     #[error("the sheet cannot be written: {0}")]
@@ -63,7 +63,9 @@ impl ControlProposalError {
                 format!("read the warnings with `trued show {run}`, remove the cause, and measure again")
             }
             Self::OtherMachine { .. } => "give the machine file of this machine with --machine".to_owned(),
-            Self::OtherValues { .. } => "if a compensation is unfinished, finish it; then measure again".to_owned(),
+            Self::CompensationValuesMismatch { .. } => {
+                "if a compensation is unfinished, finish it; then measure again".to_owned()
+            }
             Self::ChangedMachine(_) => "measure again with this machine file".to_owned(),
             Self::UnreadableMachineFile { .. } => "measure again with this version of the program".to_owned(),
             Self::Simulated(_) => "measure on the machine".to_owned(),
@@ -74,7 +76,7 @@ impl ControlProposalError {
 
 /// An error of the axes that is not corrected, in its unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RemainingError {
+pub struct RemainingAxisError {
     pub symbol: String,
     pub value: f64,
     #[serde(rename = "U")]
@@ -85,7 +87,7 @@ pub struct RemainingError {
 /// Largest position error of the tool relative to the work zero over the measured ranges, with tool centre point
 /// control, µm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct PredictedError {
+pub struct PredictedToolError {
     pub largest_um: f64,
     #[serde(rename = "U_largest_um")]
     pub expanded_largest_um: f64,
@@ -108,13 +110,13 @@ pub struct ControlProposal {
     /// Length of the stylus: the positions hold for tools of this length, if the spindle is not parallel to Z.
     pub stylus_length_mm: f64,
     /// Errors of the axes that the values do not correct.
-    pub remaining: Vec<RemainingError>,
+    pub remaining: Vec<RemainingAxisError>,
     /// Warnings of the estimate.
     pub warnings: Vec<String>,
     /// Prediction with the present values, and with the proposed values. Axis positions that the run does not determine
     /// count as correct. `None`: the run states no measured ranges, or the values are no positions of rotary axes.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub predicted: Option<[PredictedError; 2]>,
+    pub predicted: Option<[PredictedToolError; 2]>,
 }
 
 impl ControlProposal {
@@ -140,13 +142,13 @@ pub fn propose_for_control(
 ) -> Result<ControlProposal, ControlProposalError> {
     let stored = journal.load_run(run)?;
     let last = last_usable_estimate(run, &stored)?;
-    check_machine(run, &stored, file)?;
+    check_same_real_machine(run, &stored, file)?;
     let control = target.read()?;
-    check_values_in_readings(&stored, file)?;
+    check_run_used_present_values(&stored, file)?;
     let mut measured_at = stored.summary.started;
     for combined in last.estimate.combined_runs() {
         let combined = journal.load_run(RunId(*combined))?;
-        check_values_in_readings(&combined, file)?;
+        check_run_used_present_values(&combined, file)?;
         measured_at = measured_at.min(combined.summary.started);
     }
     let plan = &stored.plan;
@@ -186,18 +188,21 @@ pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&St
 }
 
 /// Checks that the control used its present compensation values during the run, if the readings contain their effect.
-fn check_values_in_readings(stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
+fn check_run_used_present_values(stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
     for config in &file.compensation {
         let control = open_target(file, Some(config.kind()))?.read()?;
-        if control.is_in_readings() && !has_run_with_values(stored, config.kind(), control.values()) {
-            return Err(ControlProposalError::OtherValues { run: stored.summary.id, kind: config.kind() });
+        if control.is_in_readings() && !records_same_values(stored, config.kind(), control.values()) {
+            return Err(ControlProposalError::CompensationValuesMismatch {
+                run: stored.summary.id,
+                kind: config.kind(),
+            });
         }
     }
     Ok(())
 }
 
 /// Checks that the run measured the machine of `file` with its real control.
-fn check_machine(run: RunId, stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
+fn check_same_real_machine(run: RunId, stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
     let (measured, stated) = (&stored.plan.machine, &file.machine);
     if measured.name != stated.name {
         let (measured, stated) = (measured.name.clone(), stated.name.clone());
@@ -228,19 +233,19 @@ fn predict_before_and_after(
     estimate: &Estimate,
     control: &ControlModel,
     proposal: &Proposal,
-) -> Result<Option<[PredictedError; 2]>, MethodRefusal> {
+) -> Result<Option<[PredictedToolError; 2]>, MethodRefusal> {
     if estimate.measured_ranges.is_empty() || proposal.positions.is_empty() {
         return Ok(None);
     }
     let chain = KinematicChain::new(machine)?;
-    let predict = |values_mm: &[f64]| -> Result<PredictedError, MethodRefusal> {
+    let predict = |values_mm: &[f64]| -> Result<PredictedToolError, MethodRefusal> {
         let errors =
             control.compensated_errors(&chain, values_mm, proposal.at_mm, |own| proposal.is_determined(own))?;
         let predictor =
             ErrorPredictor::new(machine, stylus, estimate, WorkZero::TableOrigin)?.with_compensated_errors(errors);
         let poses = predictor.volume_grid_poses()?;
         let [relative_to_work_zero, _] = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
-        Ok(PredictedError {
+        Ok(PredictedToolError {
             largest_um: relative_to_work_zero.largest_mm * 1e3,
             expanded_largest_um: relative_to_work_zero.u_largest_mm * 2e3,
         })
@@ -254,10 +259,13 @@ fn predict_before_and_after(
 }
 
 /// Errors of the axes that are not corrected.
-pub(super) fn remaining_errors(estimate: &Estimate, is_corrected: impl Fn(&Parameter) -> bool) -> Vec<RemainingError> {
+pub(super) fn remaining_errors(
+    estimate: &Estimate,
+    is_corrected: impl Fn(&Parameter) -> bool,
+) -> Vec<RemainingAxisError> {
     let is_error = |own: &&Parameter| own.identifiable && own.symbol.parse::<ErrorParameter>().is_ok();
     let remaining = estimate.parameters.iter().filter(is_error).filter(|own| !is_corrected(own));
-    let remaining = remaining.map(|own| RemainingError {
+    let remaining = remaining.map(|own| RemainingAxisError {
         symbol: own.symbol.clone(),
         value: own.value,
         expanded: own.expanded,

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::proposal::ControlProposal;
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
-use methods::compensation::{AxisCoordinate, AxisTravel, ProposedPosition, ProposedTravel, ProposedValue};
+use methods::compensation::{AxisTravel, ProposedPosition, ProposedTravel, ProposedValue, RotaryAxisCoordinate};
 
 /// Decimals of a value in mm.
 const MM_DECIMALS: usize = 4;
@@ -121,6 +121,6 @@ fn sentences(proposal: &ControlProposal) -> Vec<String> {
 }
 
 fn position_name(position: &ProposedPosition) -> String {
-    let AxisCoordinate { axis, component } = position.coordinate;
+    let RotaryAxisCoordinate { axis, component } = position.coordinate;
     format!("{component} of {axis}")
 }

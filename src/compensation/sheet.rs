@@ -9,7 +9,7 @@ use crate::store::{Journal, RunId, StoredRun};
 use machine::Axis;
 use machine::kinematics::KinematicChain;
 use machine::record::estimate::Unit;
-use methods::compensation::{AxisCoordinate, MeasuredAxisPositions};
+use methods::compensation::{MeasuredAxisPositions, RotaryAxisCoordinate};
 use methods::identification::StatedStylusUncertainty;
 
 /// Decimals of a position in mm.
@@ -44,7 +44,7 @@ fn correction_sheet(run: RunId, stored: &StoredRun) -> Result<CorrectionSheet, C
     let coordinates = rotary_axes.flat_map(|axis| {
         let across = [Axis::X, Axis::Y, Axis::Z].into_iter();
         let is_across = |component: &Axis| component.nominal_direction().dot(&axis.nominal_direction()) == 0.0;
-        across.filter(is_across).map(|component| AxisCoordinate { axis: *axis, component })
+        across.filter(is_across).map(|component| RotaryAxisCoordinate { axis: *axis, component })
     });
     let of_run = MachineFile::from_stored_run("machine file", stored.machine_file_text.clone(), &plan.artefact);
     Ok(CorrectionSheet {
@@ -78,7 +78,7 @@ fn correction_sheet(run: RunId, stored: &StoredRun) -> Result<CorrectionSheet, C
     })
 }
 
-fn position_row(measured: &MeasuredAxisPositions<'_>, coordinate: AxisCoordinate) -> SheetRow {
+fn position_row(measured: &MeasuredAxisPositions<'_>, coordinate: RotaryAxisCoordinate) -> SheetRow {
     let number = |mm: f64| format_fixed(mm, MM_DECIMALS);
     let row = SheetRow {
         quantity: format!("{} of {}", coordinate.component, coordinate.axis),

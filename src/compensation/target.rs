@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use devices::compensation::NamedText;
+use devices::compensation::ValueToWrite;
 use devices::compensation::linuxcnc_joints::JointTableError;
 use devices::compensation::linuxcnc_trunnion::TrunnionError;
 use machine::Axis;
@@ -83,7 +83,7 @@ pub trait CompensationTarget: fmt::Debug {
     fn check_writable(&self) -> Result<(), TargetError>;
 
     /// Whether one call of [`Self::write`] writes all values; otherwise each value needs its own call.
-    fn is_written_at_once(&self) -> bool {
+    fn is_written_in_one_batch(&self) -> bool {
         false
     }
 
@@ -91,7 +91,7 @@ pub trait CompensationTarget: fmt::Debug {
     ///
     /// # Errors
     /// The errors of [`Self::check_writable`]; a value cannot be set, or another value is read back.
-    fn write(&self, values: &[NamedText<'_>]) -> Result<(), TargetError>;
+    fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), TargetError>;
 
     /// Whether the control uses new values only after it was started again.
     fn needs_restart(&self) -> bool {
@@ -117,7 +117,7 @@ pub trait CompensationTarget: fmt::Debug {
 }
 
 /// Names and values (mm) of the changes: after the compensation if `is_after`, otherwise before it.
-pub(super) fn values_of(changes: &[CompensationChange], is_after: bool) -> Vec<(String, f64)> {
+pub(super) fn values_before_or_after(changes: &[CompensationChange], is_after: bool) -> Vec<(String, f64)> {
     let value = |own: &CompensationChange| (own.name.clone(), if is_after { own.after_mm } else { own.before_mm });
     changes.iter().map(value).collect()
 }

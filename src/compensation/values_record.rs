@@ -10,7 +10,7 @@ use methods::compensation::ControlValue;
 
 /// Sentences on the present compensation values of the control, and on their differences from the `stored`
 /// compensations of its machine, newest first. Blocks the thread.
-pub fn describe_values_of_control(file: &MachineFile, stored: &[StoredCompensation]) -> Vec<String> {
+pub fn describe_compensation_values(file: &MachineFile, stored: &[StoredCompensation]) -> Vec<String> {
     let of_target = |config: &CompensationConfig| {
         let last = stored.iter().find(|own| own.target == config.kind());
         describe_values(file, config.kind(), last)
@@ -23,7 +23,10 @@ fn describe_values(file: &MachineFile, kind: &str, last: Option<&StoredCompensat
         Ok(values) => values,
         Err(error) => return vec![format!("the compensation values of the control ({kind}) are unknown: {error}")],
     };
-    [list_values(kind, &values)].into_iter().chain(last.and_then(|last| describe_differences(&values, last))).collect()
+    [values_message(kind, &values)]
+        .into_iter()
+        .chain(last.and_then(|last| describe_differences(&values, last)))
+        .collect()
 }
 
 fn read_values_in_effect(file: &MachineFile, kind: &str) -> Result<Vec<ControlValue>, TargetError> {
@@ -33,21 +36,21 @@ fn read_values_in_effect(file: &MachineFile, kind: &str) -> Result<Vec<ControlVa
     Ok(values)
 }
 
-fn list_values(kind: &str, values: &[ControlValue]) -> String {
+fn values_message(kind: &str, values: &[ControlValue]) -> String {
     let listed: Vec<String> = values.iter().map(|value| format!("{} {} mm", value.name, value.text)).collect();
-    format!("{}{}", list_prefix(kind), listed.join(", "))
+    format!("{}{}", values_message_prefix(kind), listed.join(", "))
 }
 
-fn list_prefix(kind: &str) -> String {
+fn values_message_prefix(kind: &str) -> String {
     format!("compensation values of the control ({kind}): ")
 }
 
 /// Journaled values of the compensation files, whose effect the readings contain. Empty: the machine has no
 /// compensation files. `None`: the journal does not confirm that the control used the same files during the whole run.
-pub fn recorded_values_in_readings<'a>(file: &MachineFile, stored: &'a StoredRun) -> Option<&'a str> {
-    let in_readings = |own: &&CompensationConfig| matches!(own, CompensationConfig::LinuxcncJoints(_));
+pub fn recorded_compensation_file_values<'a>(file: &MachineFile, stored: &'a StoredRun) -> Option<&'a str> {
+    let in_readings = |own: &&CompensationConfig| matches!(own, CompensationConfig::LinuxcncJointTables(_));
     let Some(config) = file.compensation.iter().find(in_readings) else { return Some("") };
-    let prefix = list_prefix(config.kind());
+    let prefix = values_message_prefix(config.kind());
     let mut recorded = stored.events.iter().filter_map(|(_, event)| match event {
         RunEvent::OperatorMessage { text } if text.starts_with(&prefix) => Some(text.as_str()),
         _ => None,
@@ -57,8 +60,8 @@ pub fn recorded_values_in_readings<'a>(file: &MachineFile, stored: &'a StoredRun
 }
 
 /// Whether the run recorded these values of the control, and no other values.
-pub(super) fn has_run_with_values(stored: &StoredRun, kind: &str, values: &[ControlValue]) -> bool {
-    let [prefix, present] = [list_prefix(kind), list_values(kind, values)];
+pub(super) fn records_same_values(stored: &StoredRun, kind: &str, values: &[ControlValue]) -> bool {
+    let [prefix, present] = [values_message_prefix(kind), values_message(kind, values)];
     let mut recorded = stored.events.iter().filter_map(|(_, event)| match event {
         RunEvent::OperatorMessage { text } => text.starts_with(&prefix).then_some(text),
         _ => None,

@@ -5,12 +5,12 @@ use crate::store::{
     CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, RunFilter, RunId, StoreError,
     StoredCompensation, UnfinishedCompensation,
 };
-use devices::compensation::{MAX_READ_BACK_DEVIATION_MM, NamedText};
+use devices::compensation::{MAX_READ_BACK_DEVIATION_MM, ValueToWrite};
 use jiff::{SignedDuration, Timestamp};
 use methods::compensation::ControlModel;
 
 use super::proposal::ControlProposal;
-use super::target::{CompensationTarget, TargetError, values_of};
+use super::target::{CompensationTarget, TargetError, values_before_or_after};
 
 /// Maximum age of a measurement for a change of the control: after this time the temperatures of the machine differ.
 const MAX_AGE_OF_MEASUREMENT: SignedDuration = SignedDuration::from_hours(24);
@@ -101,14 +101,14 @@ enum WriteDirection {
 }
 
 impl WriteDirection {
-    fn intent(self) -> CompensationState {
+    fn state_during_write(self) -> CompensationState {
         match self {
             Self::ToNewValues => CompensationState::Writing,
             Self::ToValuesBefore => CompensationState::Undoing,
         }
     }
 
-    fn end(self, needs_restart: bool) -> CompensationState {
+    fn state_after_write(self, needs_restart: bool) -> CompensationState {
         match (self, needs_restart) {
             (Self::ToNewValues, true) => CompensationState::AwaitingRestart,
             (Self::ToNewValues, false) => CompensationState::Written,
@@ -179,7 +179,7 @@ impl CompensationWriter<'_> {
         let last = self.last_compensation()?.filter(|last| !last.state.is_undone());
         let nothing = || CompensationWriteError::NothingToUndo { machine: self.lock.machine().to_owned() };
         let last = last.ok_or_else(nothing)?;
-        if !last.state.is_unfinished() {
+        if !last.state.forbids_motion() {
             self.check_no_resumable_run()?;
         }
         self.rewrite(&last, WriteDirection::ToValuesBefore)?;
@@ -193,7 +193,7 @@ impl CompensationWriter<'_> {
     /// No compensation is unfinished; a value is neither that before nor that after the compensation; the control
     /// refuses a write, or still uses the replaced values.
     pub fn finish(&self) -> Result<StoredCompensation, CompensationWriteError> {
-        let last = self.last_compensation()?.filter(|last| last.state.is_unfinished());
+        let last = self.last_compensation()?.filter(|last| last.state.forbids_motion());
         let nothing = || CompensationWriteError::NothingToFinish { machine: self.lock.machine().to_owned() };
         let last = last.ok_or_else(nothing)?;
         if last.state.awaits_restart() {
@@ -222,27 +222,27 @@ impl CompensationWriter<'_> {
     fn confirm_restart(&self, last: &StoredCompensation) -> Result<(), CompensationWriteError> {
         let is_undone = last.state.is_undone();
         let present = self.target.read()?;
-        for (name, expected_mm) in values_of(&last.changes, !is_undone) {
+        for (name, expected_mm) in values_before_or_after(&last.changes, !is_undone) {
             let present_mm = value_mm(&present, &name);
             if (present_mm - expected_mm).abs() >= MAX_READ_BACK_DEVIATION_MM || present_mm.is_nan() {
                 return Err(CompensationWriteError::NotAsWritten { name, present_mm, expected_mm });
             }
         }
-        self.target.check_in_effect(&values_of(&last.changes, is_undone))?;
+        self.target.check_in_effect(&values_before_or_after(&last.changes, is_undone))?;
         let end = if is_undone { CompensationState::Undone } else { CompensationState::Written };
         Ok(self.journal.set_compensation_state(last.id, end, self.who).wait()?)
     }
 
     fn rewrite(&self, last: &StoredCompensation, direction: WriteDirection) -> Result<(), CompensationWriteError> {
-        self.check_known_values(&last.changes)?;
+        self.check_not_changed_by_other(&last.changes)?;
         self.target.check_writable()?;
-        self.journal.set_compensation_state(last.id, direction.intent(), self.who).wait()?;
+        self.journal.set_compensation_state(last.id, direction.state_during_write(), self.who).wait()?;
         self.write_values(last.id, &last.changes, direction)
     }
 
     /// Checks that each value is that before or that after the compensation: another person or program has set any
     /// other value.
-    fn check_known_values(&self, changes: &[CompensationChange]) -> Result<(), CompensationWriteError> {
+    fn check_not_changed_by_other(&self, changes: &[CompensationChange]) -> Result<(), CompensationWriteError> {
         let present = self.target.read()?;
         for CompensationChange { name, before_mm, after_mm, .. } in changes {
             let present_mm = value_mm(&present, name);
@@ -264,13 +264,13 @@ impl CompensationWriter<'_> {
         let changed = changes.iter().filter(|change| change.before_mm != change.after_mm);
         let texts: Vec<(&str, String)> =
             changed.map(|change| (change.name.as_str(), direction.value_text(change))).collect();
-        let values: Vec<NamedText<'_>> = texts.iter().map(|(name, text)| NamedText { name, text }).collect();
-        let batch_len = if self.target.is_written_at_once() { values.len().max(1) } else { 1 };
+        let values: Vec<ValueToWrite<'_>> = texts.iter().map(|(name, text)| ValueToWrite { name, text }).collect();
+        let batch_len = if self.target.is_written_in_one_batch() { values.len().max(1) } else { 1 };
         for batch in values.chunks(batch_len) {
-            self.check_known_values(changes)?;
+            self.check_not_changed_by_other(changes)?;
             self.target.write(batch)?;
         }
-        let end = direction.end(self.target.needs_restart());
+        let end = direction.state_after_write(self.target.needs_restart());
         Ok(self.journal.set_compensation_state(id, end, self.who).wait()?)
     }
 }

@@ -1,7 +1,7 @@
 //! Combination of stored runs of one machine into one estimate of the newest of them.
 
 use super::identify::{IdentificationError, judge_estimate, setup_of_stored_run};
-use crate::compensation::recorded_values_in_readings;
+use crate::compensation::recorded_compensation_file_values;
 use crate::setup::{ControlConfig, MachineFile};
 use crate::store::{Journal, RunId, RunState, StoreError, StoredRun};
 use machine::record::estimate::{Estimate, SourceEffect};
@@ -139,8 +139,8 @@ fn is_same_result(one: &Estimate, other: &Estimate) -> bool {
 /// Checks that the readings of all runs contain the effect of the same compensation files.
 fn check_same_compensation_values(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
     let is_same = |pair: &&[IdentifiedRun]| {
-        let one = recorded_values_in_readings(&pair[0].machine, &pair[0].stored);
-        one.is_some() && one == recorded_values_in_readings(&pair[1].machine, &pair[1].stored)
+        let one = recorded_compensation_file_values(&pair[0].machine, &pair[0].stored);
+        one.is_some() && one == recorded_compensation_file_values(&pair[1].machine, &pair[1].stored)
     };
     match runs.windows(2).find(|pair| !is_same(pair)) {
         Some([one, other]) => Err(CombinationError::CompensationValuesMismatch { one: one.id(), other: other.id() }),

@@ -53,7 +53,7 @@ use self::prompts::first_prompt_text;
 use self::remaining_stages::RemainingStages;
 use self::temperature::TemperatureLog;
 use self::timeline::Timeline;
-use crate::compensation::describe_values_of_control;
+use crate::compensation::describe_compensation_values;
 use crate::setup::{Devices, MachineFile, OpenSensor};
 use crate::store::{Journal, RunId, RunState};
 use devices::controllers::describe_unreadable_items;
@@ -254,7 +254,7 @@ impl<'a> Run<'a> {
         }
         let stored = self.journal.compensations(&machine.machine.name)?;
         let machine = machine.clone();
-        let reading = tokio::task::spawn_blocking(move || describe_values_of_control(&machine, &stored));
+        let reading = tokio::task::spawn_blocking(move || describe_compensation_values(&machine, &stored));
         let lines = match tokio::time::timeout(COMPENSATION_VALUES_TIMEOUT, reading).await {
             Ok(Ok(lines)) => lines,
             _ => vec!["the compensation values of the control are unknown: the control does not answer".to_owned()],

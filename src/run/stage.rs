@@ -180,20 +180,20 @@ pub(super) async fn rehearse_stages(
 /// Plans and proves on a separate thread: a halt must not wait for the proof.
 async fn plan_and_prove_on_thread(
     plan: &Plan,
-    sent: DialectAndTransmission<'_>,
+    dialect_and_transmission: DialectAndTransmission<'_>,
     done: &[Stage],
     stage: &Stage,
-    begin: StageStart,
+    stage_start: StageStart,
 ) -> Result<(Vec<StepBlocks<ProvenBlock>>, StageProof), RunError> {
     let (answer, result) = oneshot::channel();
     let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
-    let (plan, dialect) = (plan.clone(), sent.dialect.clone());
-    let transmission = sent.transmission.clone();
+    let (plan, dialect) = (plan.clone(), dialect_and_transmission.dialect.clone());
+    let transmission = dialect_and_transmission.transmission.clone();
     let (stage, name) = (stage.clone(), stage.name.clone());
     std::thread::spawn(move || {
         lower_priority(COMPUTATION_NICE);
         let sent = DialectAndTransmission { dialect: &dialect, transmission: &transmission };
-        drop(answer.send(plan_and_prove_blocks(&plan, &stage, found.as_ref(), &begin, sent)));
+        drop(answer.send(plan_and_prove_blocks(&plan, &stage, found.as_ref(), &stage_start, sent)));
     });
     result.await.map_err(|_| RunError::ProofAborted { stage: name })?
 }
@@ -202,15 +202,16 @@ async fn plan_and_prove_on_thread(
 fn plan_and_prove_blocks(
     plan: &Plan,
     stage: &Stage,
-    found: Option<&Artefact>,
-    begin: &StageStart,
+    found_artefact: Option<&Artefact>,
+    stage_start: &StageStart,
     DialectAndTransmission { dialect, transmission }: DialectAndTransmission<'_>,
 ) -> Result<(Vec<StepBlocks<ProvenBlock>>, StageProof), RunError> {
-    let tasks = plan_step_blocks(plan, stage, found, begin)?;
+    let tasks = plan_step_blocks(plan, stage, found_artefact, stage_start)?;
     let blocks: Vec<MotionBlock> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
     let (_, moves) = split_prompts(plan, &stage.steps)?;
-    let stages = [StageSteps { step_ids: moves, found_artefact: found }];
-    let (stages, start_position, confirmed) = (&stages, begin.position.as_ref(), begin.confirmed_directions);
+    let stages = [StageSteps { step_ids: moves, found_artefact }];
+    let (stages, start_position, confirmed) =
+        (&stages, stage_start.position.as_ref(), stage_start.confirmed_directions);
     let request = StageProofRequest {
         plan,
         stages,
@@ -252,11 +253,11 @@ fn split_block(step: &Step, mut block: MotionBlock) -> Vec<MotionBlock> {
 fn plan_step_blocks(
     plan: &Plan,
     stage: &Stage,
-    found: Option<&Artefact>,
-    begin: &StageStart,
+    found_artefact: Option<&Artefact>,
+    stage_start: &StageStart,
 ) -> Result<Vec<StepBlocks<MotionBlock>>, RunError> {
-    let clearance = SafeHeights::above_found_or_plan_artefact(plan, found)?;
-    let StageStart { position: mut machine_position, confirmed_directions: mut confirmed } = begin.clone();
+    let clearance = SafeHeights::above_found_or_plan_artefact(plan, found_artefact)?;
+    let StageStart { position: mut machine_position, confirmed_directions: mut confirmed } = stage_start.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);
     let (_, moves) = split_prompts(plan, &stage.steps)?;

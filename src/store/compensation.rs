@@ -53,7 +53,7 @@ impl CompensationState {
     }
 
     /// Whether the machine must not move.
-    pub fn is_unfinished(self) -> bool {
+    pub fn forbids_motion(self) -> bool {
         !matches!(self, Self::Written | Self::Undone)
     }
 
@@ -132,7 +132,7 @@ impl StoredCompensation {
     /// The unfinished compensation, which forbids motion; `None`: the machine may move.
     pub fn unfinished(&self) -> Option<UnfinishedCompensation> {
         let Self { id, target, state, .. } = self;
-        state.is_unfinished().then(|| UnfinishedCompensation { id: *id, target: target.clone(), state: *state })
+        state.forbids_motion().then(|| UnfinishedCompensation { id: *id, target: target.clone(), state: *state })
     }
 }
 

@@ -3,27 +3,27 @@
 use super::machine_file_checks::{check_directions, ini_file};
 use crate::compensation::target::{CompensationTarget, TargetError};
 use crate::setup::{LinuxcncHalConfig, MachineFile};
-use devices::compensation::NamedText;
-use devices::compensation::linuxcnc_joints::{JointTable, JointTables, TableKind, TableValue};
+use devices::compensation::ValueToWrite;
+use devices::compensation::linuxcnc_joints::{JointTable, JointTableTarget, TableKind, TableValue};
 use machine::Axis;
 use machine::record::machine::{AxisSense, Machine};
 use methods::compensation::{ControlModel, ControlValue, ControlledTravel, TravelEntry};
 
 #[derive(Debug)]
-pub struct LinuxcncJoints<'a> {
+pub struct LinuxcncJointTables<'a> {
     machine: &'a Machine,
-    tables: JointTables,
+    tables: JointTableTarget,
 }
 
-impl<'a> LinuxcncJoints<'a> {
+impl<'a> LinuxcncJointTables<'a> {
     /// # Errors
     /// The INI file cannot be read, is not supported, or names no compensation file.
     pub fn open(file: &'a MachineFile, keys: &LinuxcncHalConfig) -> Result<Self, TargetError> {
-        Ok(Self { machine: &file.machine, tables: JointTables::new(ini_file(file)?, &keys.halcmd)? })
+        Ok(Self { machine: &file.machine, tables: JointTableTarget::new(ini_file(file)?, &keys.halcmd)? })
     }
 }
 
-impl CompensationTarget for LinuxcncJoints<'_> {
+impl CompensationTarget for LinuxcncJointTables<'_> {
     fn kind(&self) -> &'static str {
         "linuxcnc-joints"
     }
@@ -39,8 +39,11 @@ impl CompensationTarget for LinuxcncJoints<'_> {
         for table in self.tables.read()? {
             let sign = if table.kind == TableKind::Correction { 1.0 } else { -1.0 };
             let positions_mm = table.values.iter().map(|value| value.position_mm);
-            let entries =
-                positions_mm.zip(values.len()..).map(|(nominal_mm, value)| TravelEntry { nominal_mm, value, sign });
+            let entries = positions_mm.zip(values.len()..).map(|(nominal_mm, value)| TravelEntry {
+                nominal_mm,
+                value_index: value,
+                correction_sign: sign,
+            });
             let entries = entries.collect();
             check_covers_travel(self.machine, &table)?;
             travels.extend(ControlledTravel::new(table.axis, entries));
@@ -54,11 +57,11 @@ impl CompensationTarget for LinuxcncJoints<'_> {
         Ok(())
     }
 
-    fn is_written_at_once(&self) -> bool {
+    fn is_written_in_one_batch(&self) -> bool {
         true
     }
 
-    fn write(&self, values: &[NamedText<'_>]) -> Result<(), TargetError> {
+    fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), TargetError> {
         Ok(self.tables.write(values)?)
     }
 
@@ -72,7 +75,7 @@ impl CompensationTarget for LinuxcncJoints<'_> {
             let names: Vec<String> = table.values.iter().map(|value| table.value_name(value)).collect();
             for (value, name) in table.values.iter_mut().zip(names) {
                 if let Some((_, mm)) = replaced.iter().find(|(own, _)| *own == name) {
-                    value.mm = *mm;
+                    value.value_mm = *mm;
                 }
             }
         }
@@ -101,7 +104,10 @@ fn check_covers_travel(machine: &Machine, table: &JointTable) -> Result<(), Targ
 
 fn control_values(table: &JointTable) -> Vec<ControlValue> {
     let values = table.values.iter();
-    let value =
-        |own: &TableValue| ControlValue { name: table.value_name(own), present_mm: own.mm, text: own.text.clone() };
+    let value = |own: &TableValue| ControlValue {
+        name: table.value_name(own),
+        present_mm: own.value_mm,
+        text: own.value_text.clone(),
+    };
     values.map(value).collect()
 }

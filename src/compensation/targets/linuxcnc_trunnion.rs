@@ -3,7 +3,7 @@
 use super::machine_file_checks::{check_directions, ini_file};
 use crate::compensation::target::{CompensationTarget, TargetError};
 use crate::setup::{LinuxcncHalConfig, MachineFile};
-use devices::compensation::NamedText;
+use devices::compensation::ValueToWrite;
 use devices::compensation::linuxcnc_trunnion::{TrunnionState, TrunnionTarget};
 use machine::Axis;
 use machine::kinematics::KinematicChain;
@@ -36,7 +36,9 @@ impl CompensationTarget for LinuxcncTrunnion<'_> {
     fn read(&self) -> Result<ControlModel, TargetError> {
         let state = self.trunnion.read()?;
         check_same_kinematics(self.machine, &state)?;
-        let TrunnionState { tilting_axis, x_rot_point, y_rot_point, z_rot_point, offset, z_offset, .. } = state;
+        let TrunnionState {
+            tilting_axis, x_rot_point, y_rot_point, z_rot_point, x_or_y_offset: offset, z_offset, ..
+        } = state;
         let pins = TrunnionPins { x_rot_point, y_rot_point, z_rot_point, offset, z_offset };
         Ok(ControlModel::linuxcnc_trunnion(tilting_axis, pins))
     }
@@ -45,7 +47,7 @@ impl CompensationTarget for LinuxcncTrunnion<'_> {
         Ok(self.trunnion.check_writable()?)
     }
 
-    fn write(&self, values: &[NamedText<'_>]) -> Result<(), TargetError> {
+    fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), TargetError> {
         Ok(values.iter().try_for_each(|value| self.trunnion.write(value.name, value.text))?)
     }
 

@@ -8,7 +8,7 @@ use machine::Axis;
 use machine::record::machine::{AxisSense, Machine};
 
 /// Maximum length of the difference between the direction of an axis in the machine file and in the machine frame.
-const DIRECTION_TOLERANCE: f64 = 1e-9;
+const UNIT_VECTOR_TOLERANCE: f64 = 1e-9;
 
 /// The INI file that LinuxCNC was started with.
 pub fn ini_file(file: &MachineFile) -> Result<&Path, TargetError> {
@@ -27,7 +27,7 @@ pub fn check_directions(machine: &Machine, axes: &[Axis], rotary_sense: AxisSens
             let sense = if axis.is_linear() { AxisSense::Iso } else { rotary_sense };
             let direction = nalgebra::Vector3::from(stated.direction);
             let deviation = direction.normalize() - axis.nominal_direction();
-            stated.positive != sense || (direction.norm() > 0.0 && deviation.norm() > DIRECTION_TOLERANCE)
+            stated.positive != sense || (direction.norm() > 0.0 && deviation.norm() > UNIT_VECTOR_TOLERANCE)
         })
     };
     match axes.iter().find(is_other) {

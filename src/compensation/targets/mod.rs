@@ -4,7 +4,7 @@ mod linuxcnc_joints;
 mod linuxcnc_trunnion;
 mod machine_file_checks;
 
-use self::linuxcnc_joints::LinuxcncJoints;
+use self::linuxcnc_joints::LinuxcncJointTables;
 use self::linuxcnc_trunnion::LinuxcncTrunnion;
 use super::target::{CompensationTarget, TargetError};
 use crate::setup::{CompensationConfig, MachineFile};
@@ -31,6 +31,6 @@ pub fn open_target<'a>(
     };
     Ok(match config {
         CompensationConfig::LinuxcncTrunnion(keys) => Box::new(LinuxcncTrunnion::open(file, keys)?),
-        CompensationConfig::LinuxcncJoints(keys) => Box::new(LinuxcncJoints::open(file, keys)?),
+        CompensationConfig::LinuxcncJointTables(keys) => Box::new(LinuxcncJointTables::open(file, keys)?),
     })
 }

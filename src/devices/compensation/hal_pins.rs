@@ -94,13 +94,13 @@ impl ComponentPins {
 
 /// Access to HAL pins through `halcmd`. Each call starts one process and waits for its end.
 #[derive(Debug, Clone)]
-pub struct HalPins {
+pub struct HalcmdClient {
     program: String,
     /// Arguments before those of `halcmd`, such as `control halcmd` for `ssh`.
     first_arguments: Vec<String>,
 }
 
-impl HalPins {
+impl HalcmdClient {
     /// `command`: program and first arguments, such as `halcmd` or `ssh control halcmd`; empty for `halcmd`.
     pub fn new(command: &[String]) -> Self {
         match command {
@@ -131,7 +131,7 @@ impl HalPins {
     ///
     /// # Errors
     /// `halcmd` fails.
-    pub fn set(&self, name: &str, value: &str) -> Result<(), HalError> {
+    pub fn set_pin(&self, name: &str, value: &str) -> Result<(), HalError> {
         self.run_halcmd(&["setp", name, value]).map(drop)
     }
 
@@ -202,7 +202,7 @@ mod tests {
                              10  s32   IN               2  xyzbc-trt-kins.other\n";
 
     fn pins_of(reply: &str) -> Result<ComponentPins, HalError> {
-        let program = HalPins::new(&["printf".to_owned(), reply.replace('%', "%%"), "--".to_owned()]);
+        let program = HalcmdClient::new(&["printf".to_owned(), reply.replace('%', "%%"), "--".to_owned()]);
         program.read_component("xyzbc-trt-kins")
     }
 
@@ -228,13 +228,13 @@ mod tests {
     #[test]
     fn failing_command_is_named() {
         let error = |program: &str| {
-            HalPins::new(&[program.to_owned()]).read_component("xyzbc-trt-kins").map(drop).unwrap_err().to_string()
+            HalcmdClient::new(&[program.to_owned()]).read_component("xyzbc-trt-kins").map(drop).unwrap_err().to_string()
         };
         assert!(
             error("/nowhere/halcmd").starts_with("`/nowhere/halcmd -s show pin xyzbc-trt-kins.` cannot be started")
         );
         assert_eq!(error("false"), "`false -s show pin xyzbc-trt-kins.` failed: ");
-        let set = HalPins::new(&["false".to_owned()]).set("xyzbc-trt-kins.x-offset", "-0.0125").unwrap_err();
+        let set = HalcmdClient::new(&["false".to_owned()]).set_pin("xyzbc-trt-kins.x-offset", "-0.0125").unwrap_err();
         assert_eq!(set.to_string(), "`false setp xyzbc-trt-kins.x-offset -0.0125` failed: ");
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use machine::Axis;
 use machine::record::machine::AxisSense;
 
-use super::hal_pins::{HalError, HalPins};
+use super::hal_pins::{HalError, HalcmdClient};
 use super::{MAX_READ_BACK_DEVIATION_MM, check_unit_is_mm};
 use crate::controllers::ControllerError;
 use crate::controllers::linuxcnc::{IniFile, identity_switchkins_type};
@@ -29,7 +29,7 @@ pub enum TrunnionError {
     #[error("the machine moves (pin motion.in-position is FALSE)")]
     InMotion,
     #[error("after the write, pin {pin} reads {read_mm} mm instead of {written} mm")]
-    ReadBack { pin: String, written: String, read_mm: f64 },
+    ReadBackMismatch { pin: String, written: String, read_mm: f64 },
 }
 
 impl TrunnionError {
@@ -41,7 +41,7 @@ impl TrunnionError {
             Self::OtherKinematics { .. } => "remove [compensation], or correct [controller] ini".to_owned(),
             Self::KinematicsActive { .. } => "switch the kinematics to identity (M429), then try again".to_owned(),
             Self::InMotion => "wait until the machine is at rest, then try again".to_owned(),
-            Self::ReadBack { .. } => {
+            Self::ReadBackMismatch { .. } => {
                 "check which other program or signal sets the pin; then restore the values with `trued compensate undo`"
                     .to_owned()
             }
@@ -60,23 +60,23 @@ pub struct TrunnionState {
     pub y_rot_point: f64,
     pub z_rot_point: f64,
     /// `y-offset` of `xyzac-trt-kins`, `x-offset` of `xyzbc-trt-kins`.
-    pub offset: f64,
+    pub x_or_y_offset: f64,
     pub z_offset: f64,
 }
 
 /// A control with the kinematics `xyzac-trt-kins` or `xyzbc-trt-kins`.
 #[derive(Debug)]
 pub struct TrunnionTarget {
-    pins: HalPins,
+    pins: HalcmdClient,
     ini: PathBuf,
-    module: &'static str,
+    kinematics_module: &'static str,
     tilting_axis: Axis,
     /// Value of `motion.switchkins-type` in identity mode.
     identity_mode: f64,
 }
 
 impl TrunnionTarget {
-    /// `ini`: the INI file that LinuxCNC was started with. `halcmd`: as for [`HalPins::new`].
+    /// `ini`: the INI file that LinuxCNC was started with. `halcmd`: as for [`HalcmdClient::new`].
     ///
     /// # Errors
     /// The INI file is not readable, or names other kinematics or units.
@@ -93,12 +93,18 @@ impl TrunnionTarget {
         };
         check_unit_is_mm(&file, ini)?;
         let identity_mode = identity_switchkins_type(&file).ok_or_else(other)?;
-        Ok(Self { pins: HalPins::new(halcmd), ini: ini.to_owned(), module, tilting_axis, identity_mode })
+        Ok(Self {
+            pins: HalcmdClient::new(halcmd),
+            ini: ini.to_owned(),
+            kinematics_module: module,
+            tilting_axis,
+            identity_mode,
+        })
     }
 
     /// Kinematics module, INI file and `halcmd` command, in words.
     pub fn describe(&self) -> String {
-        format!("{} of {}, by `{}`", self.module, self.ini.display(), self.pins.describe())
+        format!("{} of {}, by `{}`", self.kinematics_module, self.ini.display(), self.pins.describe())
     }
 
     fn offset_pin(&self) -> &'static str {
@@ -108,7 +114,7 @@ impl TrunnionTarget {
     /// # Errors
     /// The pins cannot be read.
     pub fn read(&self) -> Result<TrunnionState, TrunnionError> {
-        let pins = self.pins.read_component(self.module)?;
+        let pins = self.pins.read_component(self.kinematics_module)?;
         let is_iso = pins.value(ISO_SENSE_PIN).is_ok_and(|value| value != 0.0);
         Ok(TrunnionState {
             tilting_axis: self.tilting_axis,
@@ -116,7 +122,7 @@ impl TrunnionTarget {
             x_rot_point: pins.value("x-rot-point")?,
             y_rot_point: pins.value("y-rot-point")?,
             z_rot_point: pins.value("z-rot-point")?,
-            offset: pins.value(self.offset_pin())?,
+            x_or_y_offset: pins.value(self.offset_pin())?,
             z_offset: pins.value("z-offset")?,
         })
     }
@@ -127,13 +133,14 @@ impl TrunnionTarget {
     /// The kinematics are not in identity mode; the machine moves; the pin cannot be set, or reads back another value.
     pub fn write(&self, name: &str, text: &str) -> Result<(), TrunnionError> {
         self.check_writable()?;
-        self.pins.set(name, text)?;
-        let own_name = name.strip_prefix(self.module).and_then(|rest| rest.strip_prefix('.')).unwrap_or(name);
-        let read_mm = self.pins.read_component(self.module)?.value(own_name)?;
+        self.pins.set_pin(name, text)?;
+        let own_name =
+            name.strip_prefix(self.kinematics_module).and_then(|rest| rest.strip_prefix('.')).unwrap_or(name);
+        let read_mm = self.pins.read_component(self.kinematics_module)?.value(own_name)?;
         let is_equal = text.parse().is_ok_and(|mm: f64| (read_mm - mm).abs() < MAX_READ_BACK_DEVIATION_MM);
         match is_equal {
             true => Ok(()),
-            false => Err(TrunnionError::ReadBack { pin: name.to_owned(), written: text.to_owned(), read_mm }),
+            false => Err(TrunnionError::ReadBackMismatch { pin: name.to_owned(), written: text.to_owned(), read_mm }),
         }
     }
 
@@ -148,7 +155,7 @@ impl TrunnionTarget {
         if motion.value("in-position")? == 0.0 {
             return Err(TrunnionError::InMotion);
         }
-        let pins = self.pins.read_component(self.module)?;
+        let pins = self.pins.read_component(self.kinematics_module)?;
         for pin in ["x-rot-point", "y-rot-point", "z-rot-point", self.offset_pin(), "z-offset"] {
             pins.check_settable(pin)?;
         }

@@ -15,7 +15,7 @@ pub const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
 
 /// A value to write to a control, mm, with the name that the value has there.
 #[derive(Debug, Clone, Copy)]
-pub struct NamedText<'a> {
+pub struct ValueToWrite<'a> {
     pub name: &'a str,
     pub text: &'a str,
 }

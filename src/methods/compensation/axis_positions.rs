@@ -14,19 +14,19 @@ use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
 /// Derivative, mm per mm or rad, below which an error has no effect.
-const MIN_DERIVATIVE: f64 = 1e-9;
+const MIN_ERROR_EFFECT_DERIVATIVE: f64 = 1e-9;
 
 /// Position of a rotary `axis` of the table along `component`: X, Y or Z of the control with the tip on the axis and
 /// the rotary axes at zero, minus the same coordinate of the stated stylus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct AxisCoordinate {
+pub struct RotaryAxisCoordinate {
     pub axis: Axis,
     pub component: Axis,
 }
 
 /// A measured position, or error of a travel, in mm, with its expanded uncertainty (coverage probability 95.45 %).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MeasuredPosition {
+pub struct MeasuredLength {
     pub mm: f64,
     pub expanded_mm: f64,
 }
@@ -36,7 +36,7 @@ pub struct MeasuredAxisPositions<'a> {
     chain: KinematicChain,
     estimate: &'a Estimate,
     known: KnownErrors<'a>,
-    undetermined_spindle: Vec<UndeterminedPosition>,
+    undetermined_spindle_positions: Vec<UndeterminedPosition>,
     /// Point for which the positions are valid. `None`: the table has no axis along Z.
     at: Option<Vector3<f64>>,
     tip: Point<SpindleFrame>,
@@ -56,7 +56,7 @@ impl<'a> MeasuredAxisPositions<'a> {
         let at = reference_point(machine, &chain, estimate);
         let known = known.with_spindle_position(&spindle);
         let tip = Point::from_vec(Vector3::z() * machine.tool_mm[2]);
-        Ok(Self { chain, estimate, known, undetermined_spindle: spindle.undetermined, at, tip })
+        Ok(Self { chain, estimate, known, undetermined_spindle_positions: spindle.undetermined, at, tip })
     }
 
     /// Point for which the positions are valid: machine frame with all axes at zero, mm. The position of each axis is
@@ -66,7 +66,7 @@ impl<'a> MeasuredAxisPositions<'a> {
     }
 
     /// The position that the machine file states, mm.
-    pub fn stated_mm(&self, coordinate: AxisCoordinate) -> Option<f64> {
+    pub fn stated_mm(&self, coordinate: RotaryAxisCoordinate) -> Option<f64> {
         self.at.map(|at| nominal_coordinate(&self.chain, coordinate, at))
     }
 
@@ -74,7 +74,7 @@ impl<'a> MeasuredAxisPositions<'a> {
     ///
     /// # Errors
     /// The estimate does not determine the gain.
-    pub fn travel_error(&self, travel: AxisTravel) -> Result<MeasuredPosition, MethodRefusal> {
+    pub fn travel_error(&self, travel: AxisTravel) -> Result<MeasuredLength, MethodRefusal> {
         let symbol = gain_of(travel.axis)?.to_string();
         let gain = self.estimate.parameters.iter().find(|own| own.symbol == symbol && own.identifiable);
         let gain = gain.ok_or_else(|| {
@@ -86,14 +86,14 @@ impl<'a> MeasuredAxisPositions<'a> {
         let per_unit = gain.unit.to_reported_value(1.0);
         let by_gain_mm = error_by_gain_mm(&self.chain, travel)?;
         let (mm, expanded_mm) = (by_gain_mm * gain.value / per_unit, by_gain_mm.abs() * gain.expanded / per_unit);
-        Ok(MeasuredPosition { mm, expanded_mm })
+        Ok(MeasuredLength { mm, expanded_mm })
     }
 
     /// # Errors
     /// The estimate does not determine the position, or not relative to the spindle.
-    pub fn position(&self, coordinate: AxisCoordinate) -> Result<MeasuredPosition, MethodRefusal> {
+    pub fn position(&self, coordinate: RotaryAxisCoordinate) -> Result<MeasuredLength, MethodRefusal> {
         self.check_is_determined(coordinate)?;
-        let AxisCoordinate { axis, component } = coordinate;
+        let RotaryAxisCoordinate { axis, component } = coordinate;
         let at = self.at.ok_or_else(|| {
             MethodRefusal::new("the table does not turn about Z", "check the topology and the directions of the axes")
         })?;
@@ -103,7 +103,7 @@ impl<'a> MeasuredAxisPositions<'a> {
         };
         let derivatives = self.known.errors.iter().map(derivative).collect::<Result<Vec<f64>, _>>()?;
         MethodRefusal::require(
-            derivatives.iter().any(|derivative| derivative.abs() > MIN_DERIVATIVE),
+            derivatives.iter().any(|derivative| derivative.abs() > MIN_ERROR_EFFECT_DERIVATIVE),
             format!(
                 "no error of the {} run has an effect on the position of {axis} in {component}",
                 self.estimate.method
@@ -116,12 +116,16 @@ impl<'a> MeasuredAxisPositions<'a> {
             derivatives[i] * row.sum::<f64>()
         };
         let variance: f64 = (0..derivatives.len()).map(variance_by).sum();
-        let used =
-            self.known.symbols.iter().zip(&derivatives).filter(|(_, derivative)| derivative.abs() > MIN_DERIVATIVE);
+        let used = self
+            .known
+            .symbols
+            .iter()
+            .zip(&derivatives)
+            .filter(|(_, derivative)| derivative.abs() > MIN_ERROR_EFFECT_DERIVATIVE);
         let dof_of = |symbol: &str| self.estimate.parameters.iter().find(|own| own.symbol == symbol)?.dof;
         let smallest_dof = used.filter_map(|(symbol, _)| dof_of(symbol)).fold(f64::INFINITY, f64::min);
         let displacement = self.chain.axis_displacement_relative_to_tip(axis, at, self.tip, &self.known.errors)?;
-        Ok(MeasuredPosition {
+        Ok(MeasuredLength {
             mm: nominal_coordinate(&self.chain, coordinate, at) + displacement.dot(&component.nominal_direction()),
             expanded_mm: coverage_factor(smallest_dof) * variance.max(0.0).sqrt(),
         })
@@ -129,7 +133,10 @@ impl<'a> MeasuredAxisPositions<'a> {
 
     /// Checks that the estimate contains the location error, or holds it at zero as equivalent to others, and gives the
     /// position of the spindle.
-    fn check_is_determined(&self, AxisCoordinate { axis, component }: AxisCoordinate) -> Result<(), MethodRefusal> {
+    fn check_is_determined(
+        &self,
+        RotaryAxisCoordinate { axis, component }: RotaryAxisCoordinate,
+    ) -> Result<(), MethodRefusal> {
         let method = &self.estimate.method;
         let symbol = format!("E{component}0{axis}");
         let has_error = ErrorParameter::new(component, axis, ErrorShape::Location)
@@ -148,7 +155,7 @@ impl<'a> MeasuredAxisPositions<'a> {
                 format!("give a run that includes {carrier} at 0"),
             )?;
         }
-        match self.undetermined_spindle.iter().find(|own| own.component == component) {
+        match self.undetermined_spindle_positions.iter().find(|own| own.component == component) {
             Some(UndeterminedPosition { reason, remedy, .. }) => Err(MethodRefusal::new(reason, remedy)),
             None => Ok(()),
         }
@@ -169,7 +176,7 @@ fn reference_point(machine: &Machine, chain: &KinematicChain, estimate: &Estimat
 }
 
 /// Coordinate of the stated axis at its point nearest to `at`, mm.
-pub(super) fn nominal_coordinate(chain: &KinematicChain, coordinate: AxisCoordinate, at: Vector3<f64>) -> f64 {
+pub(super) fn nominal_coordinate(chain: &KinematicChain, coordinate: RotaryAxisCoordinate, at: Vector3<f64>) -> f64 {
     let line = chain.axis_line(coordinate.axis, &Position::new());
     let nearest = line.map_or(Vector3::zeros(), |line| line.point_nearest_to(at));
     coordinate.component.nominal_direction().dot(&nearest)

@@ -1,6 +1,6 @@
 //! Positions of rotary axes and corrections of linear axes that a control computes from its values.
 
-use super::axis_positions::{AxisCoordinate, nominal_coordinate};
+use super::axis_positions::{RotaryAxisCoordinate, nominal_coordinate};
 use super::travel::{ControlledTravel, compensated_gain};
 use crate::MethodRefusal;
 use machine::Axis;
@@ -9,9 +9,9 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 /// Maximum number of steps per mm with which a value is written to the control.
-const MAX_STEPS_PER_MM: f64 = 1e4;
+const MAX_WRITTEN_STEPS_PER_MM: f64 = 1e4;
 /// Number of significant digits with which `halcmd` prints a value.
-const PIN_DIGITS: i32 = 7;
+const PIN_SIGNIFICANT_DIGITS: i32 = 7;
 
 /// One value of a control.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -26,11 +26,11 @@ pub struct ControlValue {
 /// A position that the control computes from its values.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ControlledPosition {
-    pub(super) coordinate: AxisCoordinate,
+    pub(super) coordinate: RotaryAxisCoordinate,
     /// Index of the value that changes with the position.
-    adjusted_value: usize,
+    adjusted_value_index: usize,
     /// Index of a value that the control adds to the adjusted value.
-    added_value: Option<usize>,
+    added_value_index: Option<usize>,
 }
 
 /// The values of a control and the positions of the rotary axes that it computes from them.
@@ -66,9 +66,12 @@ impl ControlModel {
         };
         let value =
             |pin: &str, mm: f64| ControlValue { name: format!("{module}.{pin}"), present_mm: mm, text: mm.to_string() };
-        let position = |axis: Axis, component: Axis, adjusted_value: usize, added_value: Option<usize>| {
-            ControlledPosition { coordinate: AxisCoordinate { axis, component }, adjusted_value, added_value }
-        };
+        let position =
+            |axis: Axis, component: Axis, adjusted_value: usize, added_value: Option<usize>| ControlledPosition {
+                coordinate: RotaryAxisCoordinate { axis, component },
+                adjusted_value_index: adjusted_value,
+                added_value_index: added_value,
+            };
         let c_across = if across == Axis::X { 0 } else { 1 };
         Self {
             values: vec![
@@ -109,8 +112,8 @@ impl ControlModel {
 
     /// The positions that the control computes from `values_mm`, mm.
     pub(super) fn positions_mm(&self, values_mm: &[f64]) -> Vec<f64> {
-        let added = |position: &ControlledPosition| position.added_value.map_or(0.0, |index| values_mm[index]);
-        self.positions.iter().map(|position| values_mm[position.adjusted_value] + added(position)).collect()
+        let added = |position: &ControlledPosition| position.added_value_index.map_or(0.0, |index| values_mm[index]);
+        self.positions.iter().map(|position| values_mm[position.adjusted_value_index] + added(position)).collect()
     }
 
     /// The values for these positions and corrections of travels, in the steps of the control, mm. A present value
@@ -119,16 +122,19 @@ impl ControlModel {
         let present_mm = self.present_mm();
         let mut values_mm = present_mm.clone();
         for (position, mm) in self.positions.iter().zip(positions_mm) {
-            let exact = mm - position.added_value.map_or(0.0, |index| values_mm[index]);
-            let present_mm = present_mm[position.adjusted_value];
-            values_mm[position.adjusted_value] = nearest_step(exact, present_mm, pin_steps_per_mm(exact));
+            let exact = mm - position.added_value_index.map_or(0.0, |index| values_mm[index]);
+            let present_mm = present_mm[position.adjusted_value_index];
+            values_mm[position.adjusted_value_index] = nearest_step(exact, present_mm, pin_steps_per_mm(exact));
         }
         for (travel, mm) in self.travels.iter().zip(corrections_mm) {
             let change_mm = mm - travel.correction_mm(&present_mm);
             for entry in &travel.entries {
-                let present_mm = present_mm[entry.value];
-                values_mm[entry.value] =
-                    nearest_step(present_mm + travel.change_of(entry, change_mm), present_mm, MAX_STEPS_PER_MM);
+                let present_mm = present_mm[entry.value_index];
+                values_mm[entry.value_index] = nearest_step(
+                    present_mm + travel.entry_value_change_mm(entry, change_mm),
+                    present_mm,
+                    MAX_WRITTEN_STEPS_PER_MM,
+                );
             }
         }
         values_mm
@@ -146,7 +152,7 @@ impl ControlModel {
         chain: &KinematicChain,
         values_mm: &[f64],
         at_mm: Option<[f64; 3]>,
-        is_determined: impl Fn(AxisCoordinate) -> bool,
+        is_determined: impl Fn(RotaryAxisCoordinate) -> bool,
     ) -> Result<Vec<ErrorTerm>, MethodRefusal> {
         let locations = match at_mm {
             Some(at_mm) => self.location_errors(chain, values_mm, at_mm.into(), is_determined)?,
@@ -165,19 +171,19 @@ impl ControlModel {
         chain: &KinematicChain,
         values_mm: &[f64],
         at: Vector3<f64>,
-        is_determined: impl Fn(AxisCoordinate) -> bool,
+        is_determined: impl Fn(RotaryAxisCoordinate) -> bool,
     ) -> Result<Vec<ErrorTerm>, MethodRefusal> {
         let positions = self.positions.iter().map(|position| position.coordinate).zip(self.positions_mm(values_mm));
-        let deviations: Vec<(AxisCoordinate, f64)> = positions
+        let deviations: Vec<(RotaryAxisCoordinate, f64)> = positions
             .filter(|(coordinate, _)| is_determined(*coordinate))
             .map(|(coordinate, mm)| (coordinate, mm - nominal_coordinate(chain, coordinate, at)))
             .collect();
         let branch = chain.topology().workpiece_branch();
-        let term = |(coordinate, deviation): &(AxisCoordinate, f64)| {
-            let AxisCoordinate { axis, component } = *coordinate;
+        let term = |(coordinate, deviation): &(RotaryAxisCoordinate, f64)| {
+            let RotaryAxisCoordinate { axis, component } = *coordinate;
             // An error of an axis is relative to the axis that carries it.
             let of_axis = |carrier: &Axis| {
-                let own = AxisCoordinate { axis: *carrier, component };
+                let own = RotaryAxisCoordinate { axis: *carrier, component };
                 deviations.iter().find(|(coordinate, _)| *coordinate == own).map(|(_, deviation)| *deviation)
             };
             let carriers = branch.iter().take_while(|own| **own != axis);
@@ -199,5 +205,5 @@ fn nearest_step(exact_mm: f64, present_mm: f64, steps_per_mm: f64) -> f64 {
 /// Steps per mm in which a pin can be set and read back.
 fn pin_steps_per_mm(value_mm: f64) -> f64 {
     let digits_before_point = value_mm.abs().max(1.0).log10().floor() as i32 + 1;
-    10_f64.powi(PIN_DIGITS - digits_before_point).min(MAX_STEPS_PER_MM)
+    10_f64.powi(PIN_SIGNIFICANT_DIGITS - digits_before_point).min(MAX_WRITTEN_STEPS_PER_MM)
 }

@@ -15,7 +15,7 @@ mod proposal;
 mod tests;
 mod travel;
 
-pub use axis_positions::{AxisCoordinate, MeasuredAxisPositions};
+pub use axis_positions::{MeasuredAxisPositions, RotaryAxisCoordinate};
 pub use control_model::{ControlModel, ControlValue, TrunnionPins};
 pub use proposal::{Proposal, ProposalOptions, ProposedPosition, ProposedTravel, ProposedValue, propose};
 pub use travel::{AxisTravel, ControlledTravel, TravelEntry};

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::axis_positions::{AxisCoordinate, MeasuredAxisPositions, MeasuredPosition};
+use super::axis_positions::{MeasuredAxisPositions, MeasuredLength, RotaryAxisCoordinate};
 use super::control_model::ControlModel;
 use super::travel::AxisTravel;
 use crate::MethodRefusal;
@@ -24,7 +24,7 @@ impl ProposalOptions {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ProposedPosition {
     #[serde(flatten)]
-    pub coordinate: AxisCoordinate,
+    pub coordinate: RotaryAxisCoordinate,
     pub present_mm: f64,
     /// Absent: the run does not determine the position.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -81,7 +81,7 @@ pub struct Proposal {
 
 impl Proposal {
     /// Whether the run determines the position.
-    pub fn is_determined(&self, coordinate: AxisCoordinate) -> bool {
+    pub fn is_determined(&self, coordinate: RotaryAxisCoordinate) -> bool {
         self.positions.iter().any(|position| position.coordinate == coordinate && position.measured_mm.is_some())
     }
 }
@@ -133,7 +133,7 @@ fn check_something_is_determined(
 
 fn propose_position(
     measured: &MeasuredAxisPositions<'_>,
-    coordinate: AxisCoordinate,
+    coordinate: RotaryAxisCoordinate,
     present_mm: f64,
     options: ProposalOptions,
 ) -> Result<ProposedPosition, MethodRefusal> {
@@ -145,11 +145,11 @@ fn propose_position(
         proposed_mm: present_mm,
         kept: None,
     };
-    let MeasuredPosition { mm, expanded_mm } = match measured.position(coordinate) {
+    let MeasuredLength { mm, expanded_mm } = match measured.position(coordinate) {
         Ok(position) => position,
         Err(refusal) => return Ok(ProposedPosition { kept: Some(refusal), ..unchanged }),
     };
-    let AxisCoordinate { axis, component } = coordinate;
+    let RotaryAxisCoordinate { axis, component } = coordinate;
     let kept = reason_to_keep(mm - present_mm, expanded_mm, options, &format!("{axis} in {component}"))?;
     let proposed_mm = if kept.is_some() { present_mm } else { mm };
     Ok(ProposedPosition { measured_mm: Some(mm), expanded_mm: Some(expanded_mm), proposed_mm, kept, ..unchanged })

@@ -27,9 +27,9 @@ impl AxisTravel {
 pub struct TravelEntry {
     pub nominal_mm: f64,
     /// Index of the control value.
-    pub value: usize,
+    pub value_index: usize,
     /// Change of the value with the correction: 1, or -1 where the value states the actual position.
-    pub sign: f64,
+    pub correction_sign: f64,
 }
 
 /// A table that the control adds to the positions of a linear axis.
@@ -55,17 +55,17 @@ impl ControlledTravel {
 
     /// Excess of the travel over the commanded travel that the table causes, mm.
     pub(super) fn correction_mm(&self, values_mm: &[f64]) -> f64 {
-        let at = |entry: TravelEntry| match entry.sign < 0.0 {
-            true => entry.nominal_mm - values_mm[entry.value],
-            false => values_mm[entry.value],
+        let at = |entry: TravelEntry| match entry.correction_sign < 0.0 {
+            true => entry.nominal_mm - values_mm[entry.value_index],
+            false => values_mm[entry.value_index],
         };
         at(self.last) - at(self.first)
     }
 
     /// Change of the value of `entry` that lengthens the travel by `change_mm`. The correction at zero does not change,
     /// because homing has set this position.
-    pub(super) fn change_of(&self, entry: &TravelEntry, change_mm: f64) -> f64 {
-        entry.sign * change_mm * entry.nominal_mm / self.travel.length_mm()
+    pub(super) fn entry_value_change_mm(&self, entry: &TravelEntry, change_mm: f64) -> f64 {
+        entry.correction_sign * change_mm * entry.nominal_mm / self.travel.length_mm()
     }
 }
 
@@ -87,11 +87,11 @@ pub(super) fn gain_of(axis: Axis) -> Result<ErrorParameter, MethodRefusal> {
 /// Excess motion of the tool relative to the workpiece over the travel, per unit gain of the axis, mm per mm/mm.
 pub(super) fn error_by_gain_mm(chain: &KinematicChain, travel: AxisTravel) -> Result<f64, MethodRefusal> {
     // The model is linear in a gain of this size.
-    const GAIN: f64 = 1e-3;
-    let error = [ErrorTerm { parameter: gain_of(travel.axis)?, value: GAIN }];
+    const TEST_GAIN: f64 = 1e-3;
+    let error = [ErrorTerm { parameter: gain_of(travel.axis)?, value: TEST_GAIN }];
     let tip = |q_mm: f64, errors: &[ErrorTerm]| {
         chain.tip_in_table(&Position::new().with(travel.axis, q_mm), Point::from_vec(Vector3::zeros()), errors).mm
     };
-    let at = |q_mm: f64| (tip(q_mm, &error) - tip(q_mm, &[])).dot(&travel.axis.nominal_direction()) / GAIN;
+    let at = |q_mm: f64| (tip(q_mm, &error) - tip(q_mm, &[])).dot(&travel.axis.nominal_direction()) / TEST_GAIN;
     Ok(at(travel.to_mm) - at(travel.from_mm))
 }

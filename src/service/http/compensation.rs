@@ -28,7 +28,7 @@ use crate::store::RunId;
 use methods::compensation::ProposalOptions;
 
 /// Maximum time to wait for the worker's result; shorter than the time limit of a request.
-const MAX_RESPONSE_TIME: Duration = Duration::from_secs(7);
+const COMPENSATION_RESULT_TIMEOUT: Duration = Duration::from_secs(7);
 
 pub fn compensation_routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
@@ -206,7 +206,7 @@ async fn audit_and_respond(
 ) -> Result<Response, Problem> {
     let page = machine_page_path(&machine.name);
     let work = tokio::spawn(await_and_audit(app, machine, who, what, accepted));
-    let id = match tokio::time::timeout(MAX_RESPONSE_TIME, work).await {
+    let id = match tokio::time::timeout(COMPENSATION_RESULT_TIMEOUT, work).await {
         Ok(ended) => Some(ended.unwrap_or_else(|_| Err(Refusal::NotReady.into()))?),
         Err(_) => None,
     };

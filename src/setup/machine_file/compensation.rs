@@ -9,7 +9,7 @@ use super::error::MachineFileError;
 #[derive(Debug, Clone)]
 pub enum CompensationConfig {
     LinuxcncTrunnion(LinuxcncHalConfig),
-    LinuxcncJoints(LinuxcncHalConfig),
+    LinuxcncJointTables(LinuxcncHalConfig),
 }
 
 /// Access to LinuxCNC's HAL pins.
@@ -35,7 +35,7 @@ impl CompensationConfig {
     pub fn kind(&self) -> &'static str {
         match self {
             Self::LinuxcncTrunnion(_) => "linuxcnc-trunnion",
-            Self::LinuxcncJoints(_) => "linuxcnc-joints",
+            Self::LinuxcncJointTables(_) => "linuxcnc-joints",
         }
     }
 }
@@ -45,7 +45,7 @@ pub fn read_compensation(document: &TomlDocument) -> Result<Vec<CompensationConf
     let CompensationKeys { linuxcnc_trunnion, linuxcnc_joints } = keys;
     let all = [
         linuxcnc_trunnion.map(CompensationConfig::LinuxcncTrunnion),
-        linuxcnc_joints.map(CompensationConfig::LinuxcncJoints),
+        linuxcnc_joints.map(CompensationConfig::LinuxcncJointTables),
     ];
     Ok(all.into_iter().flatten().collect())
 }

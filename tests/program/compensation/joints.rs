@@ -5,7 +5,7 @@ use std::path::Path;
 use super::shop::{CompensationShop, INI_TEXT, PIN_LINES, store_run_with};
 use crate::support::machine_shop::stderr;
 use machine::record::event::RunEvent;
-use trued::compensation::describe_values_of_control;
+use trued::compensation::describe_compensation_values;
 use trued::setup::MachineFile;
 use trued::store::{CompensationState, Journal, RunId};
 
@@ -105,7 +105,7 @@ pub fn files_of_the_control_are_found_and_kept() {
 fn record_values(shop: &CompensationShop, file: &MachineFile, run: RunId) {
     set_corrections(shop, 0.0, 0.0, 0.0);
     let journal = Journal::open(&shop.shop.state_folder()).unwrap();
-    for text in describe_values_of_control(file, &[]) {
+    for text in describe_compensation_values(file, &[]) {
         journal.add_event(run, &RunEvent::OperatorMessage { text }).wait().unwrap();
     }
 }
@@ -115,7 +115,7 @@ pub fn run_with_a_file_that_is_not_in_effect_gives_no_proposal() {
     let shop = table_shop();
     let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
     set_corrections(&shop, 290.0, -0.05, 0.0);
-    let lines = describe_values_of_control(&file, &[]);
+    let lines = describe_compensation_values(&file, &[]);
     assert!(lines.iter().any(|line| line.contains("LinuxCNC corrects X at 290 mm by -0.05 mm")), "{lines:?}");
     store_run_with(&shop.shop.state_folder(), &file, "samba", &SCALES);
     let journal = Journal::open(&shop.shop.state_folder()).unwrap();

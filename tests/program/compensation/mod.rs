@@ -11,7 +11,7 @@ use crate::support::harness::{Pool, Trials, trials};
 use crate::support::machine_shop::{MachineShop, built_in_machine_text, stderr};
 use serde_json::json;
 use trued::compensation::{
-    CompensationWriteError, CompensationWriter, describe_values_of_control, open_target, propose_for_control,
+    CompensationWriteError, CompensationWriter, describe_compensation_values, open_target, propose_for_control,
 };
 use trued::setup::{self, MachineFile};
 use trued::store::{
@@ -222,7 +222,7 @@ fn run_records_values_of_the_control_and_their_differences() {
     let file = MachineFile::read(Path::new(&shop.shop.machine_path())).unwrap();
     let describe = || {
         let journal = Journal::open(&shop.shop.state_folder()).unwrap();
-        describe_values_of_control(&file, &journal.compensations("linuxcnc-sim5").unwrap())
+        describe_compensation_values(&file, &journal.compensations("linuxcnc-sim5").unwrap())
     };
     assert!(shop.write(&shop.hash()).status.success());
     let [values] = &describe()[..] else { panic!("{:?}", describe()) };

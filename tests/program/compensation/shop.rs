@@ -1,5 +1,5 @@
-//! A machine shop with a control and a run, and a substitute for `halcmd` that keeps pins in a file, refuses, falsifies a
-//! read-back, or kills the program at a given call.
+//! A machine shop with a control and a run, and a substitute for `halcmd` that keeps pins in a file, refuses, falsifies
+//! a read-back, or kills the program at a given call.
 
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt as _;
@@ -13,8 +13,9 @@ use trued::store::{CompensationState, Journal, NewRun, RunState};
 
 pub const MACHINE_TEXT: &str = include_str!("../../../config/linuxcnc-sim.toml");
 pub const INI_TEXT: &str = include_str!("../../peers/linuxcnc/rig.ini");
-/// Prints the pins as `halcmd -s show pin PREFIX` of LinuxCNC 2.9 does, and sets them as `setp`. At the call whose number
-/// is in the file `kill-at` it kills the program: before it acts, or after it if the number ends with a plus sign.
+/// Prints the pins as `halcmd -s show pin PREFIX` of LinuxCNC 2.9 does, and sets them as `setp`. At the call whose
+/// number is in the file `kill-at` it kills the program: before it acts, or after it if the number ends with a plus
+/// sign.
 pub const HALCMD_TEXT: &str = r#"#!/bin/sh
 cd "$(dirname "$0")" || exit 1
 count=$(($(cat calls 2>/dev/null || echo 0) + 1)); echo $count > calls
@@ -42,8 +43,8 @@ pub const PIN_LINES: &str = "10 float IN 0.0123 xyzbc-trt-kins.x-rot-point
 ";
 /// x-rot-point, y-rot-point and x-offset after the correction: C is where it was measured, B where it was.
 pub const CORRECTED: [(&str, f64); 3] = [("x-rot-point", 0.05), ("y-rot-point", -0.03), ("x-offset", 0.2123)];
-/// Calls of `halcmd` by one `write`: one reads the values, two the state of the machine and the signals of the pins; then
-/// for each value one reads all values, two the state, one sets it and one reads it back.
+/// Calls of `halcmd` by one `write`: one reads the values, two the state of the machine and the signals of the pins;
+/// then for each value one reads all values, two the state, one sets it and one reads it back.
 pub const CALLS_OF_WRITE: usize = 3 + 5 * CORRECTED.len();
 
 /// A machine file, a control and a journal with one run of a self-calibration.

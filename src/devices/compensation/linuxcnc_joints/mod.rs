@@ -10,8 +10,8 @@ use machine::Axis;
 
 use self::table_file::TableFile;
 pub use self::table_file::{MotionDirection, TableFileError, TableValue};
-use super::hal_pins::{ComponentPins, HalError, HalPins};
-use super::{MAX_READ_BACK_DEVIATION_MM, NamedText, check_unit_is_mm};
+use super::hal_pins::{ComponentPins, HalError, HalcmdClient};
+use super::{MAX_READ_BACK_DEVIATION_MM, ValueToWrite, check_unit_is_mm};
 use crate::controllers::ControllerError;
 use crate::controllers::linuxcnc::IniFile;
 
@@ -34,7 +34,7 @@ pub enum JointTableError {
     #[error("at {position_mm} mm of {axis} LinuxCNC's correction does not show whether it uses the new file")]
     NotDistinguishable { axis: Axis, position_mm: f64 },
     #[error("after the write, `{name}` reads `{read}` instead of `{written}`")]
-    ReadBack { name: String, written: String, read: String },
+    ReadBackMismatch { name: String, written: String, read: String },
     #[error("{path} assigns {axis} to several joints", path = path.display())]
     Gantry { path: PathBuf, axis: Axis },
 }
@@ -60,7 +60,7 @@ impl JointTableError {
             Self::NotDistinguishable { .. } => {
                 "move the axis near an end of its travel, where the old and the new correction differ most, then try again"
             }
-            Self::ReadBack { .. } => "check which other program writes the file, then try again",
+            Self::ReadBackMismatch { .. } => "check which other program writes the file, then try again",
         };
         text.to_owned()
     }
@@ -95,8 +95,8 @@ impl JointTable {
     /// Correction at `position_mm`, interpolated in the table; beyond the table, that of its nearest end.
     fn correction_mm(&self, direction: MotionDirection, position_mm: f64) -> f64 {
         let correction = |value: &TableValue| match self.kind {
-            TableKind::Correction => value.mm,
-            TableKind::ActualPosition => value.position_mm - value.mm,
+            TableKind::Correction => value.value_mm,
+            TableKind::ActualPosition => value.position_mm - value.value_mm,
         };
         let of_direction: Vec<&TableValue> = self.values.iter().filter(|value| value.direction == direction).collect();
         let after = of_direction.iter().position(|value| value.position_mm > position_mm);
@@ -123,14 +123,14 @@ struct JointFile {
 
 /// A control with compensation files.
 #[derive(Debug)]
-pub struct JointTables {
-    pins: HalPins,
+pub struct JointTableTarget {
+    pins: HalcmdClient,
     ini: PathBuf,
     files: Vec<JointFile>,
 }
 
-impl JointTables {
-    /// `ini`: the INI file that LinuxCNC was started with. `halcmd`: as for [`HalPins::new`].
+impl JointTableTarget {
+    /// `ini`: the INI file that LinuxCNC was started with. `halcmd`: as for [`HalcmdClient::new`].
     ///
     /// # Errors
     /// The INI file is not readable, is not in mm, or names no compensation file.
@@ -145,7 +145,7 @@ impl JointTables {
         }
         match files.is_empty() {
             true => Err(JointTableError::NoTable { path: ini.to_owned() }),
-            false => Ok(Self { pins: HalPins::new(halcmd), ini: ini.to_owned(), files }),
+            false => Ok(Self { pins: HalcmdClient::new(halcmd), ini: ini.to_owned(), files }),
         }
     }
 
@@ -166,13 +166,13 @@ impl JointTables {
     ///
     /// # Errors
     /// A value does not exist; a file cannot be written, or reads back with other values.
-    pub fn write(&self, values: &[NamedText<'_>]) -> Result<(), JointTableError> {
+    pub fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), JointTableError> {
         for file in &self.files {
             let prefix = file.name_prefix();
-            let own = values
-                .iter()
-                .filter_map(|value| value.name.strip_prefix(&prefix).map(|name| NamedText { name, text: value.text }));
-            let own: Vec<NamedText<'_>> = own.collect();
+            let own = values.iter().filter_map(|value| {
+                value.name.strip_prefix(&prefix).map(|name| ValueToWrite { name, text: value.text })
+            });
+            let own: Vec<ValueToWrite<'_>> = own.collect();
             if !own.is_empty() {
                 TableFile::read(&file.path)?.write_values(&own)?;
                 file.check_read_back(&own)?;
@@ -231,13 +231,13 @@ impl JointFile {
         format!("{} {} ", self.axis, self.file_name())
     }
 
-    fn check_read_back(&self, written: &[NamedText<'_>]) -> Result<(), JointTableError> {
+    fn check_read_back(&self, written: &[ValueToWrite<'_>]) -> Result<(), JointTableError> {
         let table = self.read()?;
-        for NamedText { name, text } in written {
-            let read = table.values.iter().find(|value| value.name() == *name).map_or("", |value| &value.text);
+        for ValueToWrite { name, text } in written {
+            let read = table.values.iter().find(|value| value.name() == *name).map_or("", |value| &value.value_text);
             if read != *text {
                 let (name, written) = (format!("{}{name}", self.name_prefix()), (*text).to_owned());
-                return Err(JointTableError::ReadBack { name, written, read: read.to_owned() });
+                return Err(JointTableError::ReadBackMismatch { name, written, read: read.to_owned() });
             }
         }
         Ok(())
@@ -295,7 +295,7 @@ mod tests {
                  x.comp\n[JOINT_1]\n{joint_1}\n"
             );
             std::fs::write(&path, text).unwrap();
-            JointTables::new(&path, &[])
+            JointTableTarget::new(&path, &[])
         };
         let read = tables("trivkins", "COMP_FILE = y.comp\nCOMP_FILE_TYPE = 1").unwrap().read().unwrap();
         let found: Vec<(Axis, TableKind)> = read.iter().map(|table| (table.axis, table.kind)).collect();

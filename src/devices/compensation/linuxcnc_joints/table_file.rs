@@ -5,7 +5,7 @@ use std::io::{self, Write as _};
 use std::os::unix::fs::{MetadataExt as _, fchown};
 use std::path::{Path, PathBuf};
 
-use crate::compensation::NamedText;
+use crate::compensation::ValueToWrite;
 
 /// Maximum number of lines that LinuxCNC reads (User Manual, "INI Configuration", `COMP_FILE`).
 const MAX_LINES: usize = 256;
@@ -64,8 +64,8 @@ pub struct TableValue {
     pub position_mm: f64,
     pub direction: MotionDirection,
     /// The value as the file states it.
-    pub text: String,
-    pub mm: f64,
+    pub value_text: String,
+    pub value_mm: f64,
 }
 
 impl TableValue {
@@ -114,7 +114,7 @@ impl TableFile {
     ///
     /// # Errors
     /// The file has no value of a name, or cannot be written.
-    pub fn write_values(&self, values: &[NamedText<'_>]) -> Result<(), TableFileError> {
+    pub fn write_values(&self, values: &[ValueToWrite<'_>]) -> Result<(), TableFileError> {
         let mut text = self.text.clone();
         for value in values {
             text = with_value(&text, value)
@@ -133,14 +133,14 @@ impl TableFile {
             // Removes the new file that an interrupted write has left.
             _ => {}
         }
-        if let Err(error) = self.write_beside(&new_path, text).and_then(|()| fs::rename(&new_path, &self.path)) {
+        if let Err(error) = self.write_new_file(&new_path, text).and_then(|()| fs::rename(&new_path, &self.path)) {
             let _ = fs::remove_file(&new_path);
             return Err(error);
         }
         File::open(folder)?.sync_all()
     }
 
-    fn write_beside(&self, new_path: &Path, text: &str) -> io::Result<()> {
+    fn write_new_file(&self, new_path: &Path, text: &str) -> io::Result<()> {
         let metadata = fs::metadata(&self.path)?;
         let mut file = File::create_new(new_path)?;
         file.set_permissions(metadata.permissions())?;
@@ -151,13 +151,13 @@ impl TableFile {
 }
 
 /// The text of a file with one value replaced; `None` if the file has no value of that name.
-fn with_value(text: &str, value: &NamedText<'_>) -> Option<String> {
+fn with_value(text: &str, value: &ValueToWrite<'_>) -> Option<String> {
     let replace = |line: &str| {
-        let [_, forward, reverse] = words_with_offsets(line)?;
+        let [_, forward, reverse] = word_offsets(line)?;
         let [of_forward, of_reverse] = parse_line(line)?;
         let mut found = [(of_forward, forward), (of_reverse, reverse)].into_iter();
         let (own, offset) = found.find(|(own, _)| own.name() == value.name)?;
-        Some(format!("{}{}{}", &line[..offset], value.text, &line[offset + own.text.len()..]))
+        Some(format!("{}{}{}", &line[..offset], value.text, &line[offset + own.value_text.len()..]))
     };
     let mut lines: Vec<String> = text.split_inclusive('\n').map(str::to_owned).collect();
     let (index, changed) = lines.iter().enumerate().find_map(|(index, line)| Some((index, replace(line)?)))?;
@@ -174,14 +174,14 @@ fn parse_line(line: &str) -> Option<[TableValue; 2]> {
     let position_mm = number(position)?;
     let value = |direction, word: &str| {
         let (position_text, text) = ((*position).to_owned(), word.to_owned());
-        Some(TableValue { position_text, position_mm, direction, mm: number(word)?, text })
+        Some(TableValue { position_text, position_mm, direction, value_mm: number(word)?, value_text: text })
     };
     let [of_forward, of_reverse] = MotionDirection::ALL;
     Some([value(of_forward, forward)?, value(of_reverse, reverse)?])
 }
 
 /// Offsets of the three words of a line, bytes.
-fn words_with_offsets(line: &str) -> Option<[usize; 3]> {
+fn word_offsets(line: &str) -> Option<[usize; 3]> {
     let starts = line.char_indices().filter(|(offset, character)| {
         let before = line[..*offset].chars().next_back();
         !character.is_whitespace() && before.is_none_or(char::is_whitespace)
@@ -207,11 +207,11 @@ mod tests {
         let file = file_of(folder.path(), text);
         let names: Vec<String> = file.values().unwrap().iter().map(TableValue::name).collect();
         assert_eq!(names[..3], ["-300.00 forward", "-300.00 reverse", "0 forward"]);
-        let named = |name, text| NamedText { name, text };
+        let named = |name, text| ValueToWrite { name, text };
         file.write_values(&[named("300 forward", "-0.0312"), named("-300.00 reverse", "0.0212")]).unwrap();
         let changed = TableFile::read(&folder.path().join("x.comp")).unwrap();
         assert_eq!(changed.text, text.replace("-3e-2", "-0.0312").replace("0.020", "0.0212"));
-        assert_eq!(changed.values().unwrap()[4].mm, -0.0312);
+        assert_eq!(changed.values().unwrap()[4].value_mm, -0.0312);
         changed.write_values(&[named("-300.00 reverse", "0.020"), named("300 forward", "-3e-2")]).unwrap();
         assert_eq!(std::fs::read_to_string(folder.path().join("x.comp")).unwrap(), text);
         assert!(matches!(file.write_values(&[named("1 forward", "0")]), Err(TableFileError::NoSuchValue { .. })));

@@ -105,7 +105,7 @@ impl LinuxCncDriver {
     }
 
     /// Checks emergency stop, power, homing, program state and feed override; changes only how linuxcncrsh answers.
-    async fn check_switches_and_state(&mut self, ini: Option<&IniFile>) -> Result<(), ControllerError> {
+    async fn check_machine_ready(&mut self, ini: Option<&IniFile>) -> Result<(), ControllerError> {
         // Both settings apply to all connections. With a timeout linuxcncrsh would acknowledge commands
         // that the task has not accepted.
         self.rsh.set("set_wait received").await?;
@@ -114,7 +114,7 @@ impl LinuxCncDriver {
         let machine = self.rsh.get("machine").await?;
         let homed = self.rsh.get("joint_homed").await?;
         let joints = ini.and_then(IniFile::joint_count);
-        prepare::check_switches(&estop, &machine, &homed, &self.settings.axes, joints)?;
+        prepare::check_estop_power_and_homing(&estop, &machine, &homed, &self.settings.axes, joints)?;
         // The reported switches may be outdated. A machine that is off refuses this request.
         program_runner::request_sign_of_life(&mut self.rsh).await?;
         if self.rsh.get("program_status").await? != "IDLE" {
@@ -130,7 +130,7 @@ impl LinuxCncDriver {
         self.refuse_if_halted()?;
         let ini = self.settings.ini_path.as_deref().map(IniFile::read).transpose()?;
         self.rsh.acquire_command_right().await?;
-        self.check_switches_and_state(ini.as_ref()).await?;
+        self.check_machine_ready(ini.as_ref()).await?;
         let mode = self.rsh.get("mode").await?;
         self.initial_mode.get_or_insert(mode);
         self.rsh.read_messages().await?;
@@ -149,7 +149,7 @@ impl LinuxCncDriver {
         kinematics::check_identity_mode(ini.as_ref(), state.kinematics, &position)?;
         if let Some(seconds) = self.mode_text.settling_time_after_head_s() {
             let program = self.mode_text.probe_on_program().to_owned();
-            self.run_switch_program(&program).await?;
+            self.run_program_without_motion(&program).await?;
             sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
         }
         let axes = &self.settings.axes;
@@ -248,7 +248,7 @@ impl LinuxCncDriver {
     }
 
     /// Runs a program that moves nothing, such as one that switches the probe on or off.
-    async fn run_switch_program(&mut self, program: &str) -> Result<(), ControllerError> {
+    async fn run_program_without_motion(&mut self, program: &str) -> Result<(), ControllerError> {
         self.files.write_program_and_remove_log(program)?;
         self.refuse_if_halted()?;
         let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, PROGRAM_WITHOUT_MOTION).await?;
@@ -334,7 +334,7 @@ impl ControllerDriver for LinuxCncDriver {
     async fn restore_modes(&mut self) -> Result<(), ControllerError> {
         self.refuse_if_halted()?;
         if let Some(program) = self.mode_text.probe_off_program().map(str::to_owned) {
-            self.run_switch_program(&program).await?;
+            self.run_program_without_motion(&program).await?;
         }
         match self.initial_mode.take() {
             Some(mode) => self.rsh.send_task_command(&format!("mode {mode}")).await,

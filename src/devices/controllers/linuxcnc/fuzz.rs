@@ -57,7 +57,7 @@ async fn query_fuzzed_server(input: &[u8]) -> usize {
         match rsh.get(key).await {
             Ok(answer) => {
                 heard += answer.len();
-                drop(prepare::check_switches("OFF", "ON", &answer, &Axis::ALL, None));
+                drop(prepare::check_estop_power_and_homing("OFF", "ON", &answer, &Axis::ALL, None));
                 if let Ok(at) = super::state::parse_numbers(&answer) {
                     assert!(at.iter().all(|value| value.is_finite()), "{answer}");
                 }

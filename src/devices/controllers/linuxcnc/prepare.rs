@@ -74,7 +74,7 @@ pub(super) fn clear_offset_command(axes: &[Axis]) -> String {
 
 /// Checks emergency stop, power and homing, as linuxcncrsh reports them, of a machine with `axes`;
 /// `joint_count` is the number of its joints, if known.
-pub(super) fn check_switches(
+pub(super) fn check_estop_power_and_homing(
     estop: &str,
     machine: &str,
     homed: &str,
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn unhomed_joint_is_reported() {
-        let judge = |homed, joints| check_switches("OFF", "ON", homed, &AXES, joints);
+        let judge = |homed, joints| check_estop_power_and_homing("OFF", "ON", homed, &AXES, joints);
         assert!(judge("YES YES YES YES YES NO", None).is_ok());
         assert!(judge("YES YES YES YES YES NO", Some(5)).is_ok());
         let error = judge("YES YES NO YES YES NO", None).unwrap_err().to_string();
@@ -151,7 +151,7 @@ mod tests {
         assert!(judge("YES YES YES YES YES NO NO", None).is_err());
         assert!(judge("YES YES YES YES YES NO", Some(6)).is_err());
         assert!(judge("YES YES", None).is_err());
-        assert!(check_switches("ON", "ON", "YES", &AXES[..1], None).is_err());
-        assert!(check_switches("OFF", "OFF", "YES", &AXES[..1], None).is_err());
+        assert!(check_estop_power_and_homing("ON", "ON", "YES", &AXES[..1], None).is_err());
+        assert!(check_estop_power_and_homing("OFF", "OFF", "YES", &AXES[..1], None).is_err());
     }
 }

@@ -277,7 +277,7 @@ fn positions_of_a_self_calibration_are_those_of_the_control() {
     estimate.location_at_mm = Some([100.0, -200.0, 75.0]);
     let measured = MeasuredAxisPositions::new(&machine, STATED, &estimate).unwrap();
     for (component, expected) in [(Axis::X, 100.04), (Axis::Y, -200.03)] {
-        let position = measured.position(AxisCoordinate { axis: Axis::C, component }).unwrap();
+        let position = measured.position(RotaryAxisCoordinate { axis: Axis::C, component }).unwrap();
         assert!((position.mm - expected).abs() < 1e-6 && (position.expanded_mm - 1e-3).abs() < 1e-6, "{position:?}");
     }
     // At half a turn, with the tip at that point, the tool is off by twice the distance to the axis.
@@ -415,7 +415,7 @@ fn axes_are_measured_at_one_point() {
         let values = [("EX0B", at_point_um), ("EC0B", 40.0), ("EX0C", 0.0), ("EY0C", 0.0), ("EZ0B", 0.0)];
         let estimate = estimate_of("samba", &values, &[]);
         let measured = MeasuredAxisPositions::new(&machine, STATED, &estimate).unwrap();
-        let position = measured.position(AxisCoordinate { axis: Axis::B, component: Axis::X }).unwrap();
+        let position = measured.position(RotaryAxisCoordinate { axis: Axis::B, component: Axis::X }).unwrap();
         assert!((position.mm - 0.06).abs() < 1e-8, "{y}: {position:?}");
     }
 }

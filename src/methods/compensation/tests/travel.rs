@@ -29,7 +29,7 @@ impl TableOfX {
         for (nominal_mm, trim) in self.nominal_mm.into_iter().zip(self.trims_mm) {
             for direction in ["forward", "reverse"] {
                 let present_mm = if sign > 0.0 { trim } else { nominal_mm - trim };
-                entries.push(TravelEntry { nominal_mm, value: values.len(), sign });
+                entries.push(TravelEntry { nominal_mm, value_index: values.len(), correction_sign: sign });
                 let name = format!("x.comp {nominal_mm} {direction}");
                 values.push(ControlValue { name, present_mm, text: present_mm.to_string() });
             }

@@ -108,7 +108,7 @@ impl SwitchState {
     }
 
     /// Checks that the probe is on and all clamps are closed.
-    pub fn check_ready_to_probe(&self) -> Result<(), LineError> {
+    pub fn check_probe_on_and_clamps_closed(&self) -> Result<(), LineError> {
         if self.declared_commands.contains_effect(SwitchEffect::ProbeOn(true)) && !self.is_probe_on {
             return Err("the probe is not switched on".into());
         }

@@ -269,7 +269,7 @@ impl GcodeReaderState {
         }
         self.switch_state.check_clamps_open(axis_values.iter().map(|(axis, _)| *axis))?;
         if matches!(kind, MotionKind::Probe { .. }) {
-            self.switch_state.check_ready_to_probe()?;
+            self.switch_state.check_probe_on_and_clamps_closed()?;
         }
         let feed_mm_min = match kind {
             MotionKind::Rapid => None,
