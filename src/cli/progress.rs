@@ -86,8 +86,8 @@ impl ProgressDisplay {
             }
             // The command prints the reason and the remedy at its end.
             RunEvent::Held { .. } | RunEvent::Faulted { .. } | RunEvent::Finished => self.clear_bar(),
-            // This event occurs long after the run.
-            RunEvent::SamplesRemoved { .. } => {}
+            // The last event occurs long after the run.
+            RunEvent::ToolCentreRead { .. } | RunEvent::SamplesRemoved { .. } => {}
         }
     }
 

@@ -62,7 +62,8 @@ impl Run<'_> {
         let (tasks, proof) = plan_and_prove_on_thread(&self.plan, sent, done, stage, begin).await?;
         self.record_event(RunEvent::StageProven { stage: stage.id, proof }).await?;
         let mut machine_position = machine_position;
-        for task in tasks {
+        let mut tasks = tasks.into_iter().peekable();
+        while let Some(task) = tasks.next() {
             let StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position } = task;
             let (id, repeat) = (step.id, stage.repeat);
             (self.on_event)(&RunEvent::StepStarted {
@@ -78,6 +79,9 @@ impl Run<'_> {
             };
             self.store_readings(&step, measured.map_err(|error| error.with_step_label(&step))?).await?;
             self.confirmed_directions = self.confirmed_directions.after_step(&step);
+            if tasks.peek().is_none_or(|next| is_other_rotary_position(&next.end_position, &end_position)) {
+                self.record_tool_centre(id, repeat).await?;
+            }
             machine_position = Some(end_position);
         }
         Ok(machine_position)
@@ -104,6 +108,14 @@ impl Run<'_> {
         Ok(())
     }
 
+    /// Journals the tool centre as the control computes it, if the machine file states how it is read.
+    async fn record_tool_centre(&mut self, step: u32, repeat: u32) -> Result<(), RunError> {
+        match self.devices.open_controller.read_tool_centre().await? {
+            Some(reading) => self.record_event(RunEvent::ToolCentreRead { step, repeat, reading }).await,
+            None => Ok(()),
+        }
+    }
+
     async fn run_touch(
         &mut self,
         step: &Step,
@@ -127,6 +139,12 @@ impl Run<'_> {
             temperatures_c: Default::default(),
         }])
     }
+}
+
+/// Whether a rotary axis or the spindle has another position.
+fn is_other_rotary_position(one: &Position, other: &Position) -> bool {
+    let rotary = |position: &Position| position.filter_axes(|axis| !axis.is_linear());
+    rotary(one) != rotary(other)
 }
 
 /// Plans and proves a whole run from nominal positions, so that any refusal is known before the first motion.

@@ -16,6 +16,7 @@ use link::Clock;
 use machine::Position;
 use machine::record::machine::Machine;
 use machine::record::motion::MotionBlockOutcome;
+use machine::record::tool_centre::ToolCentreReading;
 use planning::gcode::TransmissionForm;
 use planning::proof::{ProvenBlock, ProvenModeText};
 
@@ -119,6 +120,11 @@ pub trait ControllerDriver: Send + 'static {
     fn read_snapshot(&mut self) -> impl Future<Output = Result<MachineSnapshot, ControllerError>> + Send;
     /// Reads the control's properties, prepared or not. Nothing moves and nothing is set.
     fn identify_device(&mut self) -> impl Future<Output = Result<DeviceInfo, ControllerError>> + Send;
+    /// Reads the tool centre as the control computes it with tool centre point control switched on. Nothing moves, and it
+    /// is off again afterwards. `None`: the machine file does not state how to switch it.
+    fn read_tool_centre(&mut self) -> impl Future<Output = Result<Option<ToolCentreReading>, ControllerError>> + Send {
+        async { Ok(None) }
+    }
     /// Whether the outcome of a block with a feed motion has the track of that motion.
     fn can_record_track(&self) -> bool {
         false
@@ -168,6 +174,7 @@ enum DriverRequest {
     PrepareInContact(oneshot::Sender<Result<PreparedControl, ControllerError>>),
     Execute(ProvenBlock, oneshot::Sender<Result<MotionBlockOutcome, ControllerError>>),
     ReadSnapshot(oneshot::Sender<Result<MachineSnapshot, ControllerError>>),
+    ReadToolCentre(oneshot::Sender<Result<Option<ToolCentreReading>, ControllerError>>),
     IdentifyDevice(oneshot::Sender<Result<DeviceInfo, ControllerError>>),
     RestoreModes(oneshot::Sender<Result<(), ControllerError>>),
 }
@@ -214,6 +221,11 @@ impl Controller {
         self.send_request(DriverRequest::ReadSnapshot).await
     }
 
+    /// See [`ControllerDriver::read_tool_centre`].
+    pub async fn read_tool_centre(&self) -> Result<Option<ToolCentreReading>, ControllerError> {
+        self.send_request(DriverRequest::ReadToolCentre).await
+    }
+
     pub async fn identify_device(&self) -> Result<DeviceInfo, ControllerError> {
         self.send_request(DriverRequest::IdentifyDevice).await
     }
@@ -249,6 +261,7 @@ async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver
             }
             DriverRequest::Execute(block, answer) => drop(answer.send(driver.execute(block).await)),
             DriverRequest::ReadSnapshot(answer) => drop(answer.send(driver.read_snapshot().await)),
+            DriverRequest::ReadToolCentre(answer) => drop(answer.send(driver.read_tool_centre().await)),
             DriverRequest::IdentifyDevice(answer) => drop(answer.send(driver.identify_device().await)),
             DriverRequest::RestoreModes(answer) => drop(answer.send(driver.restore_modes().await)),
         }

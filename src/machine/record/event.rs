@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::plan::Stage;
 use super::reading::Reading;
 use super::stage_proof::StageProof;
+use super::tool_centre::ToolCentreReading;
 use super::watched_sensors::LiveValues;
 
 /// Event of a run.
@@ -61,6 +62,13 @@ pub enum RunEvent {
         step: u32,
         samples: usize,
         flagged: usize,
+    },
+    /// The tool centre by the control after the step `step`, before the machine turns to another position of its rotary
+    /// axes.
+    ToolCentreRead {
+        step: u32,
+        repeat: u32,
+        reading: ToolCentreReading,
     },
     Held {
         reason: String,

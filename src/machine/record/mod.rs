@@ -14,6 +14,7 @@ pub mod report_data;
 pub mod sensor;
 mod sensor_names;
 pub mod stage_proof;
+pub mod tool_centre;
 pub mod watched_sensors;
 
 /// Default of a key in the machine file.

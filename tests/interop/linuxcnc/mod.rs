@@ -19,6 +19,7 @@ mod rsh_client;
 pub mod run_workspace;
 mod samba;
 mod scan_in_motion;
+mod tool_centre;
 
 use libtest_mimic::Failed;
 
@@ -53,6 +54,7 @@ pub fn trials() -> Trials {
     .with_trials(
         trials![Pool::LinuxCnc, 0;
             resume::run_resumes_after_a_released_emergency_stop,
+            tool_centre::tool_centre_is_read_from_the_kinematics,
         ]
         .requires_peer(missing_rig)
         .repeat_if(is_queue_not_empty_failure),
@@ -66,6 +68,7 @@ pub fn trials() -> Trials {
             faults::run_resumes_after_a_stuck_probe,
             samba::samba_finds_the_true_axes,
             samba::control_is_corrected_by_a_samba_run,
+            samba::second_run_verifies_the_control,
             samba::control_of_a_table_on_a_is_corrected,
             samba::scale_of_x_is_corrected_in_its_file,
             samba::chase_the_ball_finds_the_true_axes,

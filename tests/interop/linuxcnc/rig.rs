@@ -208,6 +208,14 @@ impl LinuxCncRig {
         Ok(())
     }
 
+    /// Lets programs switch the kinematics by M68 E3, as in LinuxCNC's samples, while `work` is done.
+    pub fn with_kinematics_switch<T>(&self, work: impl FnOnce() -> Result<T, Failed>) -> Result<T, Failed> {
+        halcmd(&["net", "kinematics-type", "motion.analog-out-03", "motion.switchkins-type"])?;
+        let done = work();
+        halcmd(&["delsig", "kinematics-type"])?;
+        done
+    }
+
     /// Deflects the stylus for 20 ms, as an obstacle would.
     pub fn deflect_stylus_briefly(&self) -> Result<(), Failed> {
         self.set_true_value("stuck", 1.0)?;

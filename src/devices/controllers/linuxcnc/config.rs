@@ -6,7 +6,9 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::files::result_log_path;
-use super::{CONTROL_KIND, LinuxCncDriver, LinuxCncSettings, SamplerClient, sampler};
+use super::{
+    CONTROL_KIND, LinuxCncDriver, LinuxCncSettings, SamplerClient, ToolCentreCommands, ToolCentreSettings, sampler,
+};
 use crate::controllers::{
     ConnectionDiagnosisRequest, ControlDescription, Controller, ControllerConfig, DiagnosisFuture, OpenFuture,
 };
@@ -30,6 +32,8 @@ pub struct LinuxCncConfig {
     dialect: String,
     /// Sampler that timestamps positions during motion.
     sampler: Option<sampler::SamplerConfig>,
+    /// Commands that switch tool centre point control.
+    tool_centre: Option<ToolCentreCommands>,
 }
 
 /// Port 5007 is linuxcncrsh's own default.
@@ -82,7 +86,11 @@ impl ControllerConfig for LinuxCncConfig {
                 ini_path: self.ini.clone(),
             };
             let (driver, halt) = LinuxCncDriver::open(settings, modes).await?;
-            Ok(Controller::spawn(driver.with_sampler(sampler), halt))
+            let tool_centre = self
+                .tool_centre
+                .clone()
+                .map(|commands| ToolCentreSettings { commands, stylus_length_mm: -machine.tool_mm[2] });
+            Ok(Controller::spawn(driver.with_sampler(sampler).with_tool_centre(tool_centre), halt))
         })
     }
 

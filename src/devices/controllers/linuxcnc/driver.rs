@@ -12,6 +12,7 @@ use super::prepare;
 use super::program_runner::WatchedProgram;
 use super::result_log::ResultLog;
 use super::rsh::RshClient;
+use super::tool_centre::ToolCentreSettings;
 use super::{SamplerClient, kinematics, path_check, program_runner, state};
 use crate::controllers::{
     ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, ReadinessItem,
@@ -20,6 +21,7 @@ use crate::controllers::{
 use link::LinkAddress;
 use machine::record::axis_track::AxisTrack;
 use machine::record::motion::{Motion, MotionBlockOutcome};
+use machine::record::tool_centre::ToolCentreReading;
 use machine::{Axis, Position};
 use planning::gcode::{TransmissionForm, TransmissionUnit};
 use planning::proof::{ProvenBlock, ProvenModeText};
@@ -56,13 +58,14 @@ pub struct LinuxCncDriver {
     /// Connection that carries only halts; kept open for them.
     halt_connection: RshClient,
     halt: HaltHandle,
-    files: SharedFiles,
+    pub(super) files: SharedFiles,
     /// Task mode before the preparation, which `restore_modes` restores; a program restores all other modal state.
     initial_mode: Option<String>,
     is_prepared: bool,
     /// Orientation of the spindle, rad, once it was commanded.
     pub(super) spindle_rad: Option<f64>,
     sampler: Option<SamplerClient>,
+    tool_centre: Option<ToolCentreSettings>,
 }
 
 impl LinuxCncDriver {
@@ -91,6 +94,7 @@ impl LinuxCncDriver {
             is_prepared: false,
             spindle_rad: None,
             sampler: None,
+            tool_centre: None,
         };
         Ok((driver, halt))
     }
@@ -102,6 +106,11 @@ impl LinuxCncDriver {
     /// Sets the sampler that timestamps positions during motion.
     pub fn with_sampler(self, sampler: Option<SamplerClient>) -> Self {
         Self { sampler, ..self }
+    }
+
+    /// Sets how the tool centre is read.
+    pub fn with_tool_centre(self, tool_centre: Option<ToolCentreSettings>) -> Self {
+        Self { tool_centre, ..self }
     }
 
     /// Checks emergency stop, power, homing, program state and feed override; changes only how linuxcncrsh answers.
@@ -247,12 +256,12 @@ impl LinuxCncDriver {
         self.touch_position(step, part, log.result)
     }
 
-    /// Runs a program that moves nothing, such as one that switches the probe on or off.
-    async fn run_program_without_motion(&mut self, program: &str) -> Result<(), ControllerError> {
+    /// Runs a program that moves nothing, such as one that switches the probe on or off. Returns its log.
+    pub(super) async fn run_program_without_motion(&mut self, program: &str) -> Result<ResultLog, ControllerError> {
         self.files.write_program_and_remove_log(program)?;
         self.refuse_if_halted()?;
         let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, PROGRAM_WITHOUT_MOTION).await?;
-        if log.is_complete { Ok(()) } else { Err(self.stop_reason(STEP_NUMBER_WITHOUT_BLOCK, log).await) }
+        if log.is_complete { Ok(log) } else { Err(self.stop_reason(STEP_NUMBER_WITHOUT_BLOCK, log).await) }
     }
 
     /// Returns why a program stopped before its end.
@@ -325,6 +334,15 @@ impl ControllerDriver for LinuxCncDriver {
 
     fn can_record_track(&self) -> bool {
         self.sampler.is_some()
+    }
+
+    async fn read_tool_centre(&mut self) -> Result<Option<ToolCentreReading>, ControllerError> {
+        let Some(settings) = self.tool_centre.clone() else { return Ok(None) };
+        require_prepared(self.is_prepared, self.halt.is_halt_requested())?;
+        match self.run_tool_centre_program(&settings).await {
+            Ok(reading) => Ok(Some(reading)),
+            Err(error) => Err(self.abort_after_fault(error).await),
+        }
     }
 
     async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {

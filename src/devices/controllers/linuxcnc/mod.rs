@@ -53,6 +53,9 @@ mod sampler;
 mod state;
 #[cfg(test)]
 mod tests;
+mod tool_centre;
+#[cfg(test)]
+mod tool_centre_tests;
 
 pub use config::LinuxCncConfig;
 pub use driver::{LinuxCncDriver, LinuxCncSettings};
@@ -60,5 +63,6 @@ pub use files::result_log_path;
 pub(crate) use ini::IniFile;
 pub(crate) use kinematics::identity_switchkins_type;
 pub use sampler::SamplerClient;
+pub use tool_centre::{ToolCentreCommands, ToolCentreSettings};
 
 pub const CONTROL_KIND: &str = "linuxcnc";

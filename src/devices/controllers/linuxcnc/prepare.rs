@@ -6,8 +6,10 @@ use machine::Axis;
 
 /// Number of values of a work offset slot: X, Y, Z, A, B, C and the rotation.
 const OFFSET_SLOT_VALUE_COUNT: usize = 7;
+/// Parameters of the slot G59.3: the offsets and the rotation.
+pub(super) const OFFSET_SLOT_PARAMETERS: &str = "#5381 #5382 #5383 #5384 #5385 #5386 #5390";
 
-/// Returns the program that reads the state: slot G59.3 (#5381 to #5386, rotation #5390), whether a tool
+/// Returns the program that reads the state: slot G59.3, whether a tool
 /// length offset is active (`#<_tool_offset>`; #5401 to #5409 hold the table's entry of the loaded tool
 /// instead), whether programs can read HAL pins, and the mode of switchable kinematics.
 pub(super) fn state_query_program(log: &str) -> String {
@@ -17,8 +19,7 @@ pub(super) fn state_query_program(log: &str) -> String {
          o<kinematics> if [EXISTS[#<_hal[motion.switchkins-type]>]]\n\
          #<kinematics> = #<_hal[motion.switchkins-type]>\no<kinematics> endif\n\
          (LOGOPEN,{log})\n\
-         (LOG,state #<_vmajor> #<_spindle_on> #5381 #5382 #5383 #5384 #5385 #5386 #5390 \
-         #<_tool_offset> #<pins> #<kinematics>)\n(LOG,END)\n(LOGCLOSE)\n%\n"
+         (LOG,state #<_vmajor> #<_spindle_on> {OFFSET_SLOT_PARAMETERS} #<_tool_offset> #<pins> #<kinematics>)\n(LOG,END)\n(LOGCLOSE)\n%\n"
     )
 }
 
@@ -34,22 +35,10 @@ pub(super) fn check_state_values(state: &[f64], axes: &[Axis]) -> Result<Version
     let [version, spindle, slot @ .., tool_offset, pins, kinematics] = state else {
         return Err(ControllerError::UnreadableReply { text: format!("state {state:?}") });
     };
-    if slot.len() != OFFSET_SLOT_VALUE_COUNT {
-        return Err(ControllerError::UnreadableReply { text: format!("state {state:?}") });
-    }
     if *spindle != 0.0 {
         return Err(ControllerError::not_ready("the spindle is on", "stop the spindle: the stylus must not rotate"));
     }
-    if slot.iter().any(|offset| *offset != 0.0) {
-        return Err(ControllerError::not_ready(
-            "the work offset slot G59.3 is not zero",
-            format!(
-                "trued uses G59.3 and requires zero offsets there: move your offset to another slot, then \
-                 enter {}",
-                clear_offset_command(axes)
-            ),
-        ));
-    }
+    check_offset_slot(slot, axes)?;
     if *tool_offset != 0.0 {
         return Err(ControllerError::not_ready(
             "a tool length offset is active",
@@ -62,6 +51,23 @@ pub(super) fn check_state_values(state: &[f64], axes: &[Axis]) -> Result<Version
         (true, number) => KinematicsMode::SwitchkinsType(number),
     };
     Ok(VersionAndKinematics { version: *version, kinematics })
+}
+
+/// Checks the values of [`OFFSET_SLOT_PARAMETERS`].
+pub(super) fn check_offset_slot(slot: &[f64], axes: &[Axis]) -> Result<(), ControllerError> {
+    if slot.len() != OFFSET_SLOT_VALUE_COUNT {
+        return Err(ControllerError::UnreadableReply { text: format!("offsets of G59.3 {slot:?}") });
+    }
+    if slot.iter().all(|offset| *offset == 0.0) {
+        return Ok(());
+    }
+    Err(ControllerError::not_ready(
+        "the work offset slot G59.3 is not zero",
+        format!(
+            "trued uses G59.3 and requires zero offsets there: move your offset to another slot, then enter {}",
+            clear_offset_command(axes)
+        ),
+    ))
 }
 
 /// Returns the line that sets G59.3 to zero. LinuxCNC refuses the whole line if it names an axis that the

@@ -21,6 +21,10 @@ pub(super) struct ResultLog {
     pub result: Option<ProgramResult>,
     /// Numbers of the log line `state`: version, spindle on, G59.3 offsets, tool offset, pins, kinematics.
     pub state_values: Vec<f64>,
+    /// Numbers of the log line `axes`: positions of the axes X, Y, Z, A, B, C, mm and degrees.
+    pub axis_values: Vec<f64>,
+    /// Numbers of the log line `tool_centre`: X, Y, Z, G59.3 offsets.
+    pub tool_centre_values: Vec<f64>,
 }
 
 #[derive(Debug, PartialEq)]
@@ -63,6 +67,8 @@ impl ResultLog {
                 ("probe_error", []) => log.result = Some(ProgramResult::ProbeFault(ProbeFault::ErrorReported)),
                 ("probe_battery", []) => log.result = Some(ProgramResult::ProbeFault(ProbeFault::LowBattery)),
                 ("state", _) => log.state_values = numbers,
+                ("axes", _) => log.axis_values = numbers,
+                ("tool_centre", _) => log.tool_centre_values = numbers,
                 (_, [n, _, ..]) if *n != f64::from(step) => return Err(garbled()),
                 ("from", [_, _, at @ ..]) => from = at.to_vec(),
                 ("guarded", [_, _, touched, at @ ..]) if at.len() >= 3 => {
@@ -97,7 +103,7 @@ fn xyz_distance_mm(from: &[f64], to: &[f64]) -> f64 {
     from.iter().zip(to).take(3).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
-fn parse_position(mm_and_deg: &[f64]) -> Position {
+pub(super) fn parse_position(mm_and_deg: &[f64]) -> Position {
     LOGGED_AXES.iter().zip(mm_and_deg).map(|(axis, value)| (*axis, axis.to_mm_or_rad(*value))).collect()
 }
 

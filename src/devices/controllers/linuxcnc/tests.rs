@@ -28,7 +28,7 @@ const READY_STATE: &str = "2.9 0 0 0 0 0 0 0 0 0 1 0";
 
 /// Scripted control with its machine, which moves along X only.
 #[derive(Default)]
-struct ScriptedControl {
+pub(super) struct ScriptedControl {
     program_path: String,
     state_log_values: &'static str,
     /// Log of each program that moves, and the X position at its end, mm; `None`: such a program never ends.
@@ -113,7 +113,7 @@ async fn serve_peer(
 }
 
 /// A prepared driver, its halt, and the machine.
-async fn prepared_driver(
+pub(super) async fn prepared_driver(
     directory: &tempfile::TempDir,
     program_end: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,

@@ -25,20 +25,9 @@ impl DeclaredCommands {
     /// # Errors
     /// The reason why `text` is refused; as a message that follows `text`.
     pub fn add_command(&mut self, text: &str, switch: SwitchEffect) -> Result<(), LineError> {
-        let harmless = |c: char| c.is_ascii_alphanumeric() || " .-".contains(c);
-        let refused = || LineError::from("the command must be one M word with its parameters");
-        let Some(Ok(GcodeLine::Words(words))) = text.chars().all(harmless).then(|| GcodeLine::parse(text)) else {
-            return Err(refused());
-        };
-        let [code] = words.m_words.as_slice() else { return Err(refused()) };
-        if !words.g_words_tenfold.is_empty() || words.letters_except_g_and_m().any(|letter| !"PQE".contains(letter)) {
-            return Err(refused());
-        }
-        if let 62 | 63 = code {
-            return Err(format!("M{code} takes effect only with the next move; use M64 or M65").into());
-        }
-        if let Some(meaning) = fixed_meaning_of_m_word(*code) {
-            return Err(format!("M{code} {meaning}").into());
+        let (words, code) = parse_m_command(text)?;
+        if switches_kinematics(code) {
+            return Err(format!("M{code} switches the kinematics").into());
         }
         if self.effect_of(&words).is_some() {
             return Err("the command is declared for another function as well".into());
@@ -57,7 +46,41 @@ impl DeclaredCommands {
     }
 }
 
-/// Meaning of an M word that can never switch a probe or clamp.
+/// Checks that `text` is a command that can switch the kinematics: exactly one M word with its parameters, without
+/// another known meaning.
+///
+/// # Errors
+/// The reason why `text` is refused; as a message that follows `text`.
+pub fn check_kinematics_command(text: &str) -> Result<(), LineError> {
+    parse_m_command(text).map(drop)
+}
+
+/// Parses a command of the machine file that moves nothing; returns its words and its M word.
+fn parse_m_command(text: &str) -> Result<(GcodeWords, u32), LineError> {
+    let harmless = |c: char| c.is_ascii_alphanumeric() || " .-".contains(c);
+    let refused = || LineError::from("the command must be one M word with its parameters");
+    let Some(Ok(GcodeLine::Words(words))) = text.chars().all(harmless).then(|| GcodeLine::parse(text)) else {
+        return Err(refused());
+    };
+    let [code] = words.m_words[..] else { return Err(refused()) };
+    if !words.g_words_tenfold.is_empty() || words.letters_except_g_and_m().any(|letter| !"PQE".contains(letter)) {
+        return Err(refused());
+    }
+    if let 62 | 63 = code {
+        return Err(format!("M{code} takes effect only with the next move; use M64 or M65").into());
+    }
+    match fixed_meaning_of_m_word(code) {
+        Some(meaning) => Err(format!("M{code} {meaning}").into()),
+        None => Ok((words, code)),
+    }
+}
+
+/// Whether LinuxCNC's samples use the M word to switch the kinematics.
+fn switches_kinematics(code: u32) -> bool {
+    matches!(code, 128..=130 | 428..=430)
+}
+
+/// Meaning of an M word that can switch neither a probe nor a clamp nor the kinematics.
 fn fixed_meaning_of_m_word(code: u32) -> Option<&'static str> {
     Some(match code {
         0 | 1 | 60 => "pauses the program",
@@ -69,7 +92,6 @@ fn fixed_meaning_of_m_word(code: u32) -> Option<&'static str> {
         48..=53 => "switches overrides and feed hold",
         66 => "reads an input",
         70..=73 => "saves or restores modal state",
-        128..=130 | 428..=430 => "switches the kinematics",
         _ => return None,
     })
 }

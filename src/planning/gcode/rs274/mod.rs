@@ -7,7 +7,7 @@ mod declared_commands;
 mod gcode_line;
 mod reader_state;
 
-pub use self::declared_commands::{DeclaredCommands, SwitchEffect};
+pub use self::declared_commands::{DeclaredCommands, SwitchEffect, check_kinematics_command};
 use self::gcode_line::GcodeLine;
 use self::reader_state::GcodeReaderState;
 use machine::Position;
