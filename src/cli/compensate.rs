@@ -8,12 +8,12 @@ use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::result_args::{
     CompensateAction, CompensateArgs, ControlAction, ProposalSourceArgs, ProposeArgs, SheetArgs, TargetArgs,
-    WriteCompensationArgs,
+    VerifyArgs, WriteCompensationArgs,
 };
 use super::{ExitStatus, show};
 use crate::compensation::{
     CompensationError, CompensationStatus, HashedProposal, MachineCompensation, PositionRow, ProposalSource,
-    ProposalTable, ValueRow, render_correction_sheet,
+    ProposalTable, ValueRow, Verification, VerificationRow, VerificationTable, render_correction_sheet,
 };
 use crate::report::number::format_fixed;
 use crate::setup::{MachineFile, SetupError};
@@ -39,10 +39,9 @@ pub fn compensate_command(args: &CompensateArgs, state: Option<&Path>) -> Result
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
     match &args.action {
-        CompensateAction::Sheet(args) => write_sheet(&journal, args)?,
-        CompensateAction::Control(action) => run_control_action(action, &folder, &journal)?,
+        CompensateAction::Sheet(args) => write_sheet(&journal, args).map(|()| ExitStatus::Pass),
+        CompensateAction::Control(action) => run_control_action(action, &folder, &journal),
     }
-    Ok(ExitStatus::Pass)
 }
 
 fn write_sheet(journal: &Journal, SheetArgs { run, out }: &SheetArgs) -> Result<(), CommandFailure> {
@@ -55,7 +54,7 @@ fn write_sheet(journal: &Journal, SheetArgs { run, out }: &SheetArgs) -> Result<
     Ok(())
 }
 
-fn run_control_action(action: &ControlAction, folder: &Path, journal: &Journal) -> Result<(), CommandFailure> {
+fn run_control_action(action: &ControlAction, folder: &Path, journal: &Journal) -> Result<ExitStatus, CommandFailure> {
     let TargetArgs { machine, target } = action.target();
     let file = MachineFile::read(machine).map_err(SetupError::from)?;
     let compensation = MachineCompensation::open(&file, journal, target.as_deref())?;
@@ -66,6 +65,15 @@ fn run_control_action(action: &ControlAction, folder: &Path, journal: &Journal) 
             if *json { show::print_json(&proposal)? } else { print_proposal(&proposal) }
         }
         ControlAction::Write(write) => write_compensation_and_print(&compensation, &lock()?, write)?,
+        ControlAction::Verify(VerifyArgs { run, by, json }) => {
+            let verification = compensation.verify(&lock()?, &by.who, RunId(*run))?;
+            if *json {
+                show::print_json(&verification)?
+            } else {
+                print_verification(&verification)
+            }
+            return Ok(if verification.is_confirmed() { ExitStatus::Pass } else { ExitStatus::OutOfTolerance });
+        }
         ControlAction::Undo(by) => print_restored_values(&compensation, &compensation.undo(&lock()?, &by.who)?),
         ControlAction::Finish(by) => {
             let finished = compensation.finish(&lock()?, &by.who)?;
@@ -73,7 +81,7 @@ fn run_control_action(action: &ControlAction, folder: &Path, journal: &Journal) 
         }
         ControlAction::Status(args) => print_status_and_write_hal_file(&compensation, args.hal.as_deref())?,
     }
-    Ok(())
+    Ok(ExitStatus::Pass)
 }
 
 fn write_compensation_and_print(
@@ -88,6 +96,21 @@ fn write_compensation_and_print(
     }
     outln!("compensation {id} is written and read back. {}", compensation.target().advice_after_write());
     Ok(())
+}
+
+fn print_verification(verification: &Verification) {
+    let Verification { compensation, first_run, run, .. } = verification;
+    outln!("compensation {compensation} by run {first_run}, verified by run {run}");
+    let VerificationTable { rows, sentences, .. } = VerificationTable::new(verification);
+    let width = rows.iter().map(|row| row.name.len()).fold("remaining error".len(), usize::max);
+    outln!("{:<width$} {:>10} {:>10} {:>20}  unit", "remaining error", "predicted", "measured", "limit of difference");
+    for VerificationRow { name, predicted, measured, limit, is_within_limit } in rows {
+        let outside = if is_within_limit { "" } else { "  outside" };
+        outln!("{name:<width$} {predicted:>10} {measured:>10} {limit:>20}  µm{outside}");
+    }
+    for sentence in sentences {
+        outln!("{sentence}");
+    }
 }
 
 fn print_restored_values(compensation: &MachineCompensation<'_>, undone: &StoredCompensation) {
@@ -117,7 +140,8 @@ fn print_status_and_write_hal_file(
         return Ok(());
     };
     let (state, who, at) = (last.state.as_str(), &last.who, last.at);
-    outln!("compensation {} from run {}: {state} by {who} at {at}", last.id, last.run);
+    let by_run = last.verified_by.map_or(String::new(), |run| format!(" with run {run}"));
+    outln!("compensation {} from run {}: {state} by {who}{by_run} at {at}", last.id, last.run);
     for change in &last.changes {
         let [before, after] = [change.before_mm, change.after_mm].map(|mm| format_fixed(mm, 4));
         outln!("{:<32} before {before} mm, after {after} mm", change.name);

@@ -75,6 +75,8 @@ pub enum ControlAction {
     Propose(ProposeArgs),
     /// Write the proposed values to the control and read them back.
     Write(WriteCompensationArgs),
+    /// Compare a run that measured with the new values with the prediction, and store the result.
+    Verify(VerifyArgs),
     /// Restore the values before the last compensation.
     Undo(DecisionArgs),
     /// Write the rest of a compensation that was interrupted, or confirm the restart of the control.
@@ -88,6 +90,7 @@ impl ControlAction {
         match self {
             Self::Propose(args) => &args.source.target,
             Self::Write(args) => &args.source.target,
+            Self::Verify(args) => &args.by.target,
             Self::Undo(args) | Self::Finish(args) => &args.target,
             Self::Status(args) => &args.target,
         }
@@ -155,6 +158,17 @@ pub struct SheetArgs {
     /// The new files are NAME.html and NAME.csv.
     #[arg(long, value_name = "NAME")]
     pub out: String,
+}
+
+#[derive(Debug, Args)]
+pub struct VerifyArgs {
+    /// Number of the run that measured with the new values.
+    pub run: i64,
+    #[command(flatten)]
+    pub by: DecisionArgs,
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Debug, Args)]

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::proposal::{ControlProposal, ControlProposalError, propose_for_control};
 use super::target::{CompensationTarget, TargetError};
 use super::targets::open_target;
+use super::verification::{Verification, VerificationError, verify_by_run};
 use super::write::{CompensationWriteError, CompensationWriter};
 use crate::setup::MachineFile;
 use crate::store::{Journal, MachineLock, RunId, StoreError, StoredCompensation};
@@ -19,6 +20,8 @@ pub enum CompensationError {
     #[error(transparent)]
     Write(#[from] CompensationWriteError),
     #[error(transparent)]
+    Verification(#[from] VerificationError),
+    #[error(transparent)]
     Journal(#[from] StoreError),
 }
 
@@ -29,6 +32,7 @@ impl CompensationError {
             Self::Target(error) => error.remedy(),
             Self::Proposal(error) => error.remedy(),
             Self::Write(error) => error.remedy(),
+            Self::Verification(error) => error.remedy(),
             Self::Journal(error) => error.remedy().to_owned(),
         }
     }
@@ -95,6 +99,25 @@ impl<'a> MachineCompensation<'a> {
     ) -> Result<(i64, ControlProposal), CompensationError> {
         let HashedProposal { proposal, .. } = self.propose(source)?;
         Ok((self.writer(lock, who).write(&proposal, approved_sha256)?, proposal))
+    }
+
+    /// Compares `run` with the prediction of the last compensation.
+    ///
+    /// # Errors
+    /// As [`verify_by_run`].
+    pub fn compare_with_prediction(&self, run: RunId) -> Result<Verification, CompensationError> {
+        Ok(verify_by_run(self.journal, run, self.file, &*self.target)?)
+    }
+
+    /// Compares `run` with the prediction of the last compensation, and journals the result as that of `who`.
+    ///
+    /// # Errors
+    /// As [`Self::compare_with_prediction`].
+    pub fn verify(&self, _lock: &MachineLock, who: &str, run: RunId) -> Result<Verification, CompensationError> {
+        let verification = self.compare_with_prediction(run)?;
+        let (id, state) = (verification.compensation, verification.state());
+        self.journal.set_compensation_verification(id, state, who, run).wait()?;
+        Ok(verification)
     }
 
     /// # Errors

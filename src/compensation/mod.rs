@@ -1,4 +1,5 @@
-//! Compensation of measured errors in the control: proposal from a stored run, write with read-back, and undo.
+//! Compensation of measured errors in the control: proposal from a stored run, write with read-back,
+//! verification by a second run, and undo.
 
 mod machine_compensation;
 mod proposal;
@@ -7,6 +8,8 @@ mod sheet;
 mod target;
 mod targets;
 mod values_record;
+mod verification;
+mod verification_table;
 mod write;
 
 pub use machine_compensation::{
@@ -18,4 +21,6 @@ pub use sheet::{RenderedSheet, render_correction_sheet};
 pub use target::CompensationTarget;
 pub use targets::open_target;
 pub use values_record::{describe_compensation_values, recorded_compensation_file_values};
+pub use verification::Verification;
+pub use verification_table::{VerificationRow, VerificationTable};
 pub use write::{CompensationWriteError, CompensationWriter};

@@ -11,6 +11,7 @@ use crate::store::{Journal, RunId, StoreError, StoredEstimate, StoredRun, sha256
 use machine::kinematics::{ErrorParameter, KinematicChain};
 use machine::record::estimate::{Estimate, Parameter, Unit, Verdict};
 use machine::record::machine::Machine;
+use machine::record::plan::Plan;
 use methods::MethodRefusal;
 use methods::compensation::{ControlModel, MeasuredAxisPositions, Proposal, ProposalOptions, ProposedTravel, propose};
 use methods::identification::StatedStylusUncertainty;
@@ -152,12 +153,7 @@ pub fn propose_for_control(
         measured_at = measured_at.min(combined.summary.started);
     }
     let plan = &stored.plan;
-    // If the run did not identify the stylus, the estimate contains the stylus uncertainty that its plan states.
-    let has_stylus = last.estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("tool_"));
-    let stylus = match has_stylus {
-        true => StatedStylusUncertainty::new(&file.probe, &file.assumed_keys),
-        false => StatedStylusUncertainty::new(&plan.probe, &plan.assumed),
-    };
+    let stylus = stated_stylus_uncertainty(plan, &last.estimate, file);
     let measured = MeasuredAxisPositions::new(&plan.machine, stylus, &last.estimate)?;
     let proposal = propose(&measured, &control, options)?;
     Ok(ControlProposal {
@@ -175,8 +171,19 @@ pub fn propose_for_control(
     })
 }
 
-/// The newest estimate of the run.
-///
+/// By the machine file; without coordinates of the stylus in the estimate, as the run stated it: then it is part of the
+/// estimate.
+pub(super) fn stated_stylus_uncertainty(
+    plan: &Plan,
+    estimate: &Estimate,
+    file: &MachineFile,
+) -> StatedStylusUncertainty {
+    match estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("tool_")) {
+        true => StatedStylusUncertainty::new(&file.probe, &file.assumed_keys),
+        false => StatedStylusUncertainty::new(&plan.probe, &plan.assumed),
+    }
+}
+
 /// # Errors
 /// The run has no estimate, or its readings contradict the model.
 pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&StoredEstimate, ControlProposalError> {
@@ -202,7 +209,11 @@ fn check_run_used_present_values(stored: &StoredRun, file: &MachineFile) -> Resu
 }
 
 /// Checks that the run measured the machine of `file` with its real control.
-fn check_same_real_machine(run: RunId, stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
+pub(super) fn check_same_real_machine(
+    run: RunId,
+    stored: &StoredRun,
+    file: &MachineFile,
+) -> Result<(), ControlProposalError> {
     let (measured, stated) = (&stored.plan.machine, &file.machine);
     if measured.name != stated.name {
         let (measured, stated) = (measured.name.clone(), stated.name.clone());

@@ -3,8 +3,9 @@
 use serde::Serialize;
 
 use super::proposal::ControlProposal;
+use super::verification_table::quantity_name;
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
-use methods::compensation::{AxisTravel, ProposedPosition, ProposedTravel, ProposedValue, RotaryAxisCoordinate};
+use methods::compensation::{CorrectedQuantity, ProposedPosition, ProposedTravel, ProposedValue};
 
 /// Decimals of a value in mm.
 const MM_DECIMALS: usize = 4;
@@ -73,11 +74,10 @@ fn position_row(position: &ProposedPosition) -> PositionRow {
 }
 
 fn travel_row(own: &ProposedTravel) -> PositionRow {
-    let AxisTravel { axis, from_mm, to_mm } = own.travel;
     let number = |mm: f64| format_fixed(mm, MM_DECIMALS);
     let number_or_dash = |mm: Option<f64>| mm.map_or("–".to_owned(), number);
     PositionRow {
-        name: format!("{axis} from {} to {}", format_fixed(from_mm, 0), format_fixed(to_mm, 0)),
+        name: quantity_name(CorrectedQuantity::Travel(own.travel)),
         present: number(own.present_mm),
         measured: number_or_dash(own.required_mm),
         expanded: number_or_dash(own.expanded_mm),
@@ -121,6 +121,5 @@ fn sentences(proposal: &ControlProposal) -> Vec<String> {
 }
 
 fn position_name(position: &ProposedPosition) -> String {
-    let RotaryAxisCoordinate { axis, component } = position.coordinate;
-    format!("{component} of {axis}")
+    quantity_name(CorrectedQuantity::Position(position.coordinate))
 }

@@ -3,7 +3,7 @@
 use super::target::TargetError;
 use super::targets::open_target;
 use crate::setup::{CompensationConfig, MachineFile};
-use crate::store::{StoredCompensation, StoredRun};
+use crate::store::{CompensationState, StoredCompensation, StoredRun};
 use devices::compensation::MAX_READ_BACK_DEVIATION_MM;
 use machine::record::event::RunEvent;
 use methods::compensation::ControlValue;
@@ -23,10 +23,23 @@ fn describe_values(file: &MachineFile, kind: &str, last: Option<&StoredCompensat
         Ok(values) => values,
         Err(error) => return vec![format!("the compensation values of the control ({kind}) are unknown: {error}")],
     };
-    [values_message(kind, &values)]
-        .into_iter()
-        .chain(last.and_then(|last| describe_differences(&values, last)))
-        .collect()
+    let of_last = last.and_then(|last| describe_differences(&values, last).or_else(|| demand_verification(last)));
+    [values_message(kind, &values)].into_iter().chain(of_last).collect()
+}
+
+fn demand_verification(last: &StoredCompensation) -> Option<String> {
+    let id = last.id;
+    match last.state {
+        CompensationState::Written => Some(format!(
+            "compensation {id} is not verified: verify it with this run, if it measures at other positions than run {} \
+             (`trued compensate verify`)",
+            last.run
+        )),
+        CompensationState::NotConfirmed => Some(format!(
+            "compensation {id} is not confirmed by its verification: restore the values before it, or find the cause"
+        )),
+        _ => None,
+    }
 }
 
 fn read_values_in_effect(file: &MachineFile, kind: &str) -> Result<Vec<ControlValue>, TargetError> {

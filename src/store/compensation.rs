@@ -29,7 +29,11 @@ pub enum CompensationState {
     AwaitingRestart,
     /// All values were written and read back, and the control uses them.
     Written,
-    /// The restoration of the earlier values may be incomplete.
+    /// A later run has measured what the estimate of the compensation predicts.
+    Verified,
+    /// A later run has measured something else.
+    NotConfirmed,
+    /// The return to the values before may be incomplete.
     Undoing,
     /// All earlier values are restored. The control uses them after its next start.
     UndoneAwaitingRestart,
@@ -38,14 +42,24 @@ pub enum CompensationState {
 }
 
 impl CompensationState {
-    const ALL: [Self; 6] =
-        [Self::Writing, Self::AwaitingRestart, Self::Written, Self::Undoing, Self::UndoneAwaitingRestart, Self::Undone];
+    const ALL: [Self; 8] = [
+        Self::Writing,
+        Self::AwaitingRestart,
+        Self::Written,
+        Self::Verified,
+        Self::NotConfirmed,
+        Self::Undoing,
+        Self::UndoneAwaitingRestart,
+        Self::Undone,
+    ];
 
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Writing => "writing",
             Self::AwaitingRestart => "awaiting-restart",
             Self::Written => "written",
+            Self::Verified => "verified",
+            Self::NotConfirmed => "not-confirmed",
             Self::Undoing => "undoing",
             Self::UndoneAwaitingRestart => "undone-awaiting-restart",
             Self::Undone => "undone",
@@ -54,7 +68,7 @@ impl CompensationState {
 
     /// Whether the machine must not move.
     pub fn forbids_motion(self) -> bool {
-        !matches!(self, Self::Written | Self::Undone)
+        !matches!(self, Self::Written | Self::Verified | Self::NotConfirmed | Self::Undone)
     }
 
     /// Whether the earlier values are in the control again.
@@ -126,6 +140,9 @@ pub struct StoredCompensation {
     /// Time of the state, and the person who caused it.
     pub at: Timestamp,
     pub who: String,
+    /// Run that is the reason for the state; absent unless it is a verification.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verified_by: Option<RunId>,
 }
 
 impl StoredCompensation {
@@ -156,7 +173,19 @@ impl Journal {
     /// Adds a state to the compensation `id`.
     pub fn set_compensation_state(&self, id: i64, state: CompensationState, who: &str) -> AwaitableWrite<()> {
         let who = who.to_owned();
-        self.submit_job(move |connection| insert_state(connection, id, state, &who))
+        self.submit_job(move |connection| insert_state(connection, id, state, &who, None))
+    }
+
+    /// Adds the result of a verification by `run`.
+    pub fn set_compensation_verification(
+        &self,
+        id: i64,
+        state: CompensationState,
+        who: &str,
+        run: RunId,
+    ) -> AwaitableWrite<()> {
+        let who = who.to_owned();
+        self.submit_job(move |connection| insert_state(connection, id, state, &who, Some(run)))
     }
 
     /// The compensation of `machine` that a person must finish or undo, if any; until then the machine must not move.
@@ -202,21 +231,27 @@ fn insert_compensation(connection: &mut Connection, new: &NewCompensation) -> Re
         )
         .map_err(StoreFault::from_run_error(new.run))?;
     let id = transaction.last_insert_rowid();
-    insert_state(&transaction, id, CompensationState::Writing, &new.who)?;
+    insert_state(&transaction, id, CompensationState::Writing, &new.who, None)?;
     transaction.commit()?;
     Ok(id)
 }
 
-fn insert_state(connection: &Connection, id: i64, state: CompensationState, who: &str) -> Result<(), StoreFault> {
+fn insert_state(
+    connection: &Connection,
+    id: i64,
+    state: CompensationState,
+    who: &str,
+    verified_by: Option<RunId>,
+) -> Result<(), StoreFault> {
     connection.execute(
-        "INSERT INTO compensation_states (compensation, at, who, state) VALUES (?1, ?2, ?3, ?4)",
-        params![id, columns::now_text(), who, state.as_str()],
+        "INSERT INTO compensation_states (compensation, at, who, state, verified_by) VALUES (?1, ?2, ?3, ?4, ?5)",
+        params![id, columns::now_text(), who, state.as_str(), verified_by.map(|run| run.0)],
     )?;
     Ok(())
 }
 
 fn select_compensations(connection: &Connection, machine: &str) -> Result<Vec<StoredCompensation>, StoreFault> {
-    let select = "SELECT id, machine, target, run, changes, state, at, who FROM compensations
+    let select = "SELECT id, machine, target, run, changes, state, at, who, verified_by FROM compensations
          JOIN compensation_states AS states ON compensation = id
          WHERE machine = ?1 AND seq = (SELECT max(seq) FROM compensation_states WHERE compensation = id)
          ORDER BY id DESC";
@@ -254,5 +289,6 @@ fn read_row(row: &Row<'_>) -> rusqlite::Result<StoredCompensation> {
         state: state.ok_or_else(|| columns::damaged_column_error(5, "unknown state of a compensation".into()))?,
         at: columns::parse_text_column(row, 6)?,
         who: row.get(7)?,
+        verified_by: row.get::<_, Option<i64>>(8)?.map(RunId),
     })
 }

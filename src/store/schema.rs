@@ -10,9 +10,9 @@ use super::StoreFault;
 /// The format of the journals that this version writes.
 pub(super) const CURRENT_FORMAT: i64 = MIGRATIONS.len() as i64;
 
-/// Migrations, one entry per format. Never change a released entry; add another one. Existing checksums are verified
-/// before the migrations; the checksum of every row is computed again after them.
-pub(super) const MIGRATIONS: [&str; 10] = [
+/// Migrations, one entry per format. Never change a released entry; add another one. After the migrations the
+/// checksum of every row is computed again, and verified before if the journal has checksums.
+pub(super) const MIGRATIONS: [&str; 11] = [
     "
 CREATE TABLE runs (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -223,6 +223,14 @@ ALTER TABLE compensations ADD COLUMN target TEXT NOT NULL DEFAULT 'linuxcnc-trun
 DROP TRIGGER compensations_stand;
 CREATE TRIGGER compensations_stand BEFORE UPDATE OF id, machine, target, run, proposal_sha256, changes ON compensations
     BEGIN SELECT RAISE(ABORT, 'compensations are not changed'); END;
+",
+    // The run that has verified a compensation.
+    "
+ALTER TABLE compensation_states ADD COLUMN verified_by INTEGER REFERENCES runs (id);
+DROP TRIGGER compensation_states_stand;
+CREATE TRIGGER compensation_states_stand BEFORE UPDATE OF seq, compensation, at, who, state, verified_by
+    ON compensation_states
+    BEGIN SELECT RAISE(ABORT, 'states of compensations are not changed'); END;
 ",
 ];
 

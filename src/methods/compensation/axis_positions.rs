@@ -65,6 +65,16 @@ impl<'a> MeasuredAxisPositions<'a> {
         self.at.map(Into::into)
     }
 
+    /// The only point for which the estimate states its positions; `None`: it is valid at any point.
+    pub(super) fn fixed_at(&self) -> Option<Vector3<f64>> {
+        self.estimate.location_at_mm.map(Into::into)
+    }
+
+    /// The same positions, valid for `at`.
+    pub(super) fn stated_at(self, at: Option<Vector3<f64>>) -> Self {
+        Self { at, ..self }
+    }
+
     /// The position that the machine file states, mm.
     pub fn stated_mm(&self, coordinate: RotaryAxisCoordinate) -> Option<f64> {
         self.at.map(|at| nominal_coordinate(&self.chain, coordinate, at))

@@ -101,6 +101,11 @@ impl ControlModel {
         !self.travels.is_empty()
     }
 
+    /// Whether the control computes positions of rotary axes from its values.
+    pub fn has_positions(&self) -> bool {
+        !self.positions.is_empty()
+    }
+
     pub fn values(&self) -> &[ControlValue] {
         &self.values
     }

@@ -14,8 +14,10 @@ mod proposal;
 #[cfg(test)]
 mod tests;
 mod travel;
+mod verification;
 
 pub use axis_positions::{MeasuredAxisPositions, RotaryAxisCoordinate};
 pub use control_model::{ControlModel, ControlValue, TrunnionPins};
 pub use proposal::{Proposal, ProposalOptions, ProposedPosition, ProposedTravel, ProposedValue, propose};
 pub use travel::{AxisTravel, ControlledTravel, TravelEntry};
+pub use verification::{CorrectedQuantity, RemainingDeviation, compare_remaining_deviations, joint_coverage_ratio};

@@ -20,7 +20,8 @@ use super::problem::Problem;
 use super::run_files::{CSV_CONTENT_TYPE, attachment};
 use super::{AppState, ServedMachine};
 use crate::compensation::{
-    CompensationError, CompensationStatus, HashedProposal, ProposalSource, render_correction_sheet,
+    CompensationError, CompensationStatus, HashedProposal, MachineCompensation, ProposalSource, Verification,
+    render_correction_sheet,
 };
 use crate::service::machine_state::Refusal;
 use crate::service::worker_command::CompensationResultReceiver;
@@ -33,10 +34,12 @@ const COMPENSATION_RESULT_TIMEOUT: Duration = Duration::from_secs(7);
 pub fn compensation_routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
         .routes(routes!(write_compensation))
+        .routes(routes!(verify_compensation))
         .routes(routes!(undo_compensation))
         .routes(routes!(finish_compensation))
         .layer(from_fn(errors_as_pages))
         .routes(routes!(get_proposal))
+        .routes(routes!(get_verification))
         .routes(routes!(get_compensation))
         .routes(routes!(get_sheet_file))
 }
@@ -66,9 +69,9 @@ impl ProposalQuery {
 
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-struct TargetQuery {
+pub(super) struct TargetQuery {
     /// Key of [compensation] in the machine file, if it has several.
-    target: Option<String>,
+    pub(super) target: Option<String>,
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
@@ -128,6 +131,35 @@ async fn write_compensation(
     let (what, by) = (format!("compensation from run {run}"), who.clone());
     let accepted = machine.gate.compensate(&what, query.target, move |compensation, lock| {
         compensation.write(lock, &by, source, &approve).map(|(id, _)| id)
+    });
+    audit_and_respond(app, machine, is_form, who, what, accepted).await
+}
+
+/// What the run has measured after the last compensation, against its prediction. Writes nothing.
+#[utoipa::path(get, path = "/api/v1/runs/{run}/verification", operation_id = "verification", params(("run" = i64, Path), TargetQuery), responses((status = OK, body = DocumentedObject)))]
+async fn get_verification(
+    State(app): State<AppState>,
+    Path(run): Path<i64>,
+    Query(TargetQuery { target }): Query<TargetQuery>,
+) -> Result<Json<Verification>, Problem> {
+    let machine = app.machine_of_run(run).await?;
+    let compare = move |compensation: &MachineCompensation<'_>| compensation.compare_with_prediction(RunId(run));
+    Ok(Json(app.read_control(&machine, target, compare).await?))
+}
+
+/// Store the result of the verification by the run.
+#[utoipa::path(post, path = "/api/v1/runs/{run}/verification", operation_id = "verify", params(("run" = i64, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber), (status = ACCEPTED, body = CompensationNumber)))]
+async fn verify_compensation(
+    State(app): State<AppState>,
+    Path(run): Path<i64>,
+    Extension(caller): Extension<Caller>,
+    JsonOrFormBody { body, is_form }: JsonOrFormBody<CompensationDecision>,
+) -> Result<Response, Problem> {
+    let machine = app.machine_of_run(run).await?;
+    let who = decision_name(&caller, &body.who)?;
+    let (what, by) = (format!("verification of the last compensation by run {run}"), who.clone());
+    let accepted = machine.gate.compensate(&what, body.target, move |compensation, lock| {
+        compensation.verify(lock, &by, RunId(run)).map(|verification| verification.compensation)
     });
     audit_and_respond(app, machine, is_form, who, what, accepted).await
 }

@@ -98,6 +98,36 @@ pub fn write_by_run(workspace: &RunWorkspace, run: u32) -> Result<(), Failed> {
     workspace.run_stdout(&write).map(drop)
 }
 
+/// Verifies by `run`. If it confirms the values, the tool is right at all positions within 3 um.
+pub fn check_verification(workspace: &RunWorkspace, run: u32, is_confirmed: bool) -> Result<(), Failed> {
+    let (machine, run) = (workspace.machine_file_path().display().to_string(), run.to_string());
+    let verify = |more: &[&str]| {
+        let arguments = ["compensate", "verify", &run, "--who", "Ada", "--machine", &machine];
+        workspace.trued_command_with_journal(&[&arguments, more].concat()).output()
+    };
+    eprintln!("{}", String::from_utf8_lossy(&verify(&[])?.stdout));
+    let output = verify(&["--json"])?;
+    if output.status.code() != Some(if is_confirmed { 0 } else { 3 }) {
+        return Err(format!("{:?}: {}", output.status, String::from_utf8_lossy(&output.stderr)).into());
+    }
+    let result: Value = serde_json::from_slice(&output.stdout)?;
+    let tool_centres = result["tool_centres"].as_array().ok_or("no tool centres")?;
+    let length_um = |own: &Value| -> f64 {
+        let components = own["measured_mm"].as_array().into_iter().flatten();
+        1e3 * components.filter_map(Value::as_f64).map(|mm| mm * mm).sum::<f64>().sqrt()
+    };
+    let largest_um = tool_centres.iter().map(length_um).fold(0.0, f64::max);
+    match tool_centres.len() >= 5 && (largest_um < 3.0) == is_confirmed {
+        true => Ok(()),
+        false => Err(format!("{} tool centres, error {largest_um} um", tool_centres.len()).into()),
+    }
+}
+
+pub fn undo(workspace: &RunWorkspace) -> Result<(), Failed> {
+    let machine = workspace.machine_file_path().display().to_string();
+    workspace.run_stdout(&["compensate", "undo", "--who", "Ada", "--machine", &machine]).map(drop)
+}
+
 /// Confirms the restart: near zero LinuxCNC does not show which file it uses, near the end of the travel it does.
 pub fn finish_after_restart(rig: &LinuxCncRig, workspace: &RunWorkspace) -> Result<(), Failed> {
     let machine = workspace.machine_file_path().display().to_string();

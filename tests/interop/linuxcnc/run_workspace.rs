@@ -103,6 +103,14 @@ impl RunWorkspace {
         Ok(workspace)
     }
 
+    /// For a verification: other positions of the rotary axes, and the tool centre of the control is read.
+    pub fn change_to_verification(&self) -> Result<(), Failed> {
+        self.change_machine_file(&[
+            ("tilt_deg = [-30.0, 0.0, 30.0]\nturn_deg = [0.0,", "tilt_deg = [-25.0, 5.0, 20.0]\nturn_deg = [45.0,"),
+            ("kind = \"linuxcnc\"", "kind = \"linuxcnc\"\ntool_centre = { on = \"M68 E3 Q1\", off = \"M68 E3 Q0\" }"),
+        ])
+    }
+
     fn change_machine_file(&self, changes: &[(&str, &str)]) -> Result<(), Failed> {
         let text = replace_all(&std::fs::read_to_string(self.machine_file_path())?, changes)?;
         Ok(std::fs::write(self.machine_file_path(), text)?)

@@ -13,7 +13,7 @@ use machine::record::motion::{Motion, MotionBlock};
 use machine::{Axis, Position};
 use nalgebra::{Rotation3, Vector3};
 
-use super::compensation::{check_correction_by_run, finish_after_restart, write_by_run};
+use super::compensation::{check_correction_by_run, check_verification, finish_after_restart, undo, write_by_run};
 use super::driver::{block_on, open_driver, prove_without_collision_check, z_position};
 use super::rig::{LinuxCncRig, RigVariant, lock_rig, lock_rig_variant};
 use super::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
@@ -235,6 +235,22 @@ pub fn control_is_corrected_by_a_samba_run() -> Result<(), Failed> {
         true => Ok(()),
         false => Err(format!("{errors:?}").into()),
     }
+}
+
+/// A run at other positions verifies the written values through the control; after C was displaced, another does not.
+pub fn second_run_verifies_the_control() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    place_balls_and_axis_errors(&rig, &DISPLACED_AXES)?;
+    let workspace = RunWorkspace::with_balls(&rig)?;
+    run_and_check_parameters(&workspace, "samba", &[])?;
+    write_by_run(&workspace, 1)?;
+    workspace.change_to_verification()?;
+    rig.with_kinematics_switch(|| run_and_check_parameters(&workspace, "samba", &[]))?;
+    check_verification(&workspace, 2, true)?;
+    rig.set_true_value("c-x", DISPLACED_AXES.c_point_mm.x + 0.02)?;
+    rig.with_kinematics_switch(|| run_and_check_parameters(&workspace, "samba", &[]))?;
+    check_verification(&workspace, 3, false)?;
+    undo(&workspace)
 }
 
 /// As above, with xyzac-trt-kins.

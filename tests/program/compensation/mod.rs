@@ -3,6 +3,7 @@
 mod joints;
 mod page;
 mod shop;
+mod verification;
 
 use std::path::Path;
 
@@ -225,7 +226,8 @@ fn run_records_values_of_the_control_and_their_differences() {
         describe_compensation_values(&file, &journal.compensations("linuxcnc-sim5").unwrap())
     };
     assert!(shop.write(&shop.hash()).status.success());
-    let [values] = &describe()[..] else { panic!("{:?}", describe()) };
+    let [values, demand] = &describe()[..] else { panic!("{:?}", describe()) };
+    assert!(demand.starts_with("compensation 1 is not verified"), "{demand}");
     assert!(values.contains("xyzbc-trt-kins.x-rot-point 0.05 mm, xyzbc-trt-kins.y-rot-point -0.03 mm"), "{values}");
     std::fs::write(shop.shop.path("pins"), PIN_LINES).unwrap();
     let [_, difference] = &describe()[..] else { panic!("{:?}", describe()) };
@@ -275,6 +277,7 @@ pub fn trials() -> Trials {
         sheet_lists_the_measured_positions,
         page::metrologist_approves_values_on_the_page,
         page::daemon_killed_during_a_write_shows_and_finishes_it,
+        page::metrologist_stores_a_verification,
         page::page_without_tokens_writes_nothing,
         approved_values_are_written_and_restored,
         write_that_is_not_safe_is_refused,
@@ -283,6 +286,9 @@ pub fn trials() -> Trials {
         program_killed_at_any_step_leaves_a_known_state,
         expired_proposal_is_refused,
         write_is_refused_while_a_run_can_be_resumed,
+        verification::second_run_verifies_a_compensation,
+        verification::contradicting_run_leaves_the_values_to_a_person,
+        verification::verification_by_another_state_of_the_machine_is_refused,
         run_records_values_of_the_control_and_their_differences,
         no_run_starts_while_a_compensation_is_unfinished,
     ]

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::shop::CompensationShop;
+use super::verification::{WRITTEN_C_MM, store_second_run};
 use crate::serve::hostile_requests::{bearer_header, create_token};
 use crate::support::daemon_process::DaemonProcess;
 use crate::support::http::{HttpClient, JSON_HEADER};
@@ -117,6 +118,36 @@ pub fn daemon_killed_during_a_write_shows_and_finishes_it() {
     assert_eq!(serve.post(&finish, &serve.operator, &json!({"who": "Ada"})).0, 403);
     assert_eq!(serve.post(&finish, &serve.metrologist, &json!({"who": "Ada"})).0, 201);
     assert!(shop.is_corrected() && shop.state() == Some(CompensationState::Written));
+}
+
+/// The page of the second run shows the verification; a metrologist stores it.
+pub fn metrologist_stores_a_verification() {
+    let shop = CompensationShop::new();
+    shop.append_to_machine_file(&serve_section(true));
+    assert!(shop.write(&shop.hash()).status.success());
+    let run = store_second_run(&shop, [80.0, -30.3], WRITTEN_C_MM);
+    let serve = CompensationDaemon::start(&shop, "monday");
+    let CompensationDaemon { viewer, operator, metrologist, .. } = &serve;
+    let path = format!("/runs/{run}/verification");
+    assert!(serve.get("/machines/linuxcnc-sim5", viewer).1.contains("They are not verified"));
+    assert!(
+        serve.get(&format!("/runs/{run}"), viewer).1.contains(&format!("href=\"{path}?target=linuxcnc-trunnion\""))
+    );
+    assert!(!serve.get("/runs/1", viewer).1.contains("/verification"));
+    let (_, page) = serve.get(&path, viewer);
+    for part in ["X of C", "outside the limit", "Store this result"] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+    let (api_path, by) = (format!("/api/v1{path}"), json!({"who": "Ada"}));
+    assert!(serve.get(&api_path, viewer).1.contains("\"new_position_count\":4"));
+    for token in ["", viewer, operator] {
+        assert!([401, 403].contains(&serve.post(&api_path, token, &by).0));
+    }
+    assert_eq!(shop.state(), Some(CompensationState::Written));
+    assert_eq!(serve.post(&api_path, metrologist, &by), (201, json!({"id": 1})));
+    assert!(shop.is_corrected() && shop.state() == Some(CompensationState::NotConfirmed));
+    let (_, page) = serve.get("/machines/linuxcnc-sim5", viewer);
+    assert!(page.contains("did not confirm them") && page.contains("restore the values before it"), "{page}");
 }
 
 /// Nobody is known to be a metrologist.

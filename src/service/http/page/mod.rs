@@ -56,6 +56,7 @@ pub fn page_routes() -> Router<AppState> {
         .route("/runs/{run}", get(run::run_page))
         .route("/runs/{run}/report", get(run::report_page))
         .route("/runs/{run}/compensation", get(compensation::proposal_page))
+        .route("/runs/{run}/verification", get(compensation::verification_page))
         .route("/runs/{run}/sheet", get(compensation::sheet_page))
         .route("/compare", get(compare::compare_page));
     let pages = pages.layer(from_fn(errors_as_pages));

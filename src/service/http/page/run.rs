@@ -7,7 +7,7 @@ use axum::response::Html;
 use minijinja::value::Serde;
 use minijinja::{Value, context};
 
-use super::{machine, machine_page_path, row_of_run};
+use super::{compensation, machine, machine_page_path, row_of_run};
 use crate::archive::compare::earlier_finished_runs;
 use crate::archive::report::render_report;
 use crate::archive::run_story::{
@@ -35,7 +35,11 @@ pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Resu
         let machine = machines.iter().find(|machine| machine.name == stored.summary.machine);
         let targets = machine.map(|machine| machine.machine_file.compensation.iter().map(CompensationConfig::kind));
         let targets: Vec<&str> = targets.into_iter().flatten().collect();
-        super::render_page("run.html", tokens, context! { targets, ..values_of_run(&stored, &earlier) })
+        let file = machine.map(|machine| &machine.machine_file);
+        let verifiable_targets = file.map(|file| compensation::verifiable_targets(journal, file, RunId(run)));
+        let verifiable_targets = verifiable_targets.transpose()?.unwrap_or_default();
+        let values = context! { targets, verifiable_targets, ..values_of_run(&stored, &earlier) };
+        super::render_page("run.html", tokens, values)
     })
     .await?
 }
