@@ -106,3 +106,16 @@ fn at_common_point<'a>(
     };
     Ok([first.stated_at(at), second.stated_at(at)])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By Python's `statistics.NormalDist`.
+    #[test]
+    fn joint_limits_follow_from_quantiles_of_the_normal_distribution() {
+        for (count, expected) in [(1, 1.0), (4, 1.265480247), (60, 1.683784998)] {
+            assert!((joint_coverage_ratio(count) - expected).abs() < 1e-6, "{count}");
+        }
+    }
+}

@@ -51,9 +51,8 @@ pub fn tool_centre_is_read_from_the_kinematics() -> Result<(), Failed> {
         Ok((reading.ok_or("nothing is read")?, reported_tool_centre(&rig)?))
     });
     set(&zeros)?;
-    let (reading, [x, y, z]) = match read? {
-        (reading, reported) => (reading, <[f64; 3]>::try_from(reported).map_err(|_| "three coordinates")?),
-    };
+    let (reading, reported) = read?;
+    let [x, y, z] = <[f64; 3]>::try_from(reported).map_err(|_| "three coordinates")?;
     let expected = [x, y, z - STYLUS_LENGTH_MM];
     let is_equal = reading.tool_centre_mm.iter().zip(expected).all(|(own, other)| (own - other).abs() < 2e-6);
     // Far from the position of the machine, and with the rotary axes as commanded.

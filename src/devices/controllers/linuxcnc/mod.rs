@@ -54,6 +54,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 mod tool_centre;
+mod tool_centre_reading;
 #[cfg(test)]
 mod tool_centre_tests;
 

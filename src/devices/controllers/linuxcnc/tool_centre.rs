@@ -1,18 +1,10 @@
-//! Reads the tool centre as LinuxCNC computes it: switchable kinematics apply their values for the time of one program,
-//! which moves nothing.
+//! Program that reads the tool centre as LinuxCNC computes it: switchable kinematics apply their values while it runs. It
+//! moves nothing.
 
 use serde::Deserialize;
 
-use super::driver::LinuxCncDriver;
-use super::result_log::parse_position;
-use super::{prepare, state};
-use crate::controllers::{ControllerError, arrival};
-use machine::Axis;
-use machine::record::tool_centre::ToolCentreReading;
+use super::prepare;
 use planning::gcode::rs274::check_kinematics_command;
-
-/// Number of values of the log line `axes`.
-const AXIS_VALUE_COUNT: usize = 6;
 
 /// Commands that switch the kinematics, from `[controller] tool_centre`.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -47,7 +39,7 @@ pub struct ToolCentreSettings {
 
 impl ToolCentreSettings {
     /// `M66` waits until the kinematics are switched, and reads the position of the axes again.
-    fn program(&self, log: &str) -> String {
+    pub(super) fn program(&self, log: &str) -> String {
         let Self { commands: ToolCentreCommands { on, off }, stylus_length_mm } = self;
         format!(
             "%\n(trued reads the tool centre; nothing moves)\nM70\nG21 G90 G49\nG92.2\nG59.3\n(LOGOPEN,{log})\n\
@@ -57,28 +49,5 @@ impl ToolCentreSettings {
             prepare::OFFSET_SLOT_PARAMETERS,
             off.0,
         )
-    }
-}
-
-impl LinuxCncDriver {
-    /// As [`ControllerDriver::read_tool_centre`](crate::controllers::ControllerDriver::read_tool_centre).
-    pub(super) async fn run_tool_centre_program(
-        &mut self,
-        settings: &ToolCentreSettings,
-    ) -> Result<ToolCentreReading, ControllerError> {
-        let axes = self.settings.axes.clone();
-        let before = state::read_position(&mut self.rsh, &axes).await?;
-        let log = self.run_program_without_motion(&settings.program(&self.files.result_log_path())).await?;
-        state::check_identity_kinematics(&mut self.rsh, &axes).await?;
-        let after = state::read_position(&mut self.rsh, &axes).await?;
-        arrival::check_position(&before, &after, |axis| arrival::axis_tolerance(axis, None))
-            .map_err(arrival::moved_between_blocks_error)?;
-        let ([x, y, z, slot @ ..], AXIS_VALUE_COUNT) = (&log.tool_centre_values[..], log.axis_values.len()) else {
-            return Err(ControllerError::UnreadableReply { text: "the log of the tool centre".to_owned() });
-        };
-        prepare::check_offset_slot(slot, &axes)?;
-        let position = parse_position(&log.axis_values).filter_axes(|axis| axes.contains(&axis));
-        let position = self.spindle_rad.map_or(position.clone(), |s| position.with(Axis::S, s));
-        Ok(ToolCentreReading { position, tool_centre_mm: [*x, *y, *z] })
     }
 }
