@@ -16,7 +16,8 @@ use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
 use methods::samba::{
-    BallMeasurement, GeometryEquations, GeometryModel, GeometryProblem, LengthConstraint, NonlinearFit, ObservedValues,
+    GeometryEquations, GeometryModel, GeometryProblem, LengthConstraint, NonlinearFit, ObservedValues,
+    PlannedBallMeasurement,
 };
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
@@ -165,7 +166,7 @@ fn simulate_measurements() -> Result<SimulatedMeasurements, Box<dyn Error>> {
         stands.truncate(MEASUREMENT_COUNT / 24 + usize::from(k < MEASUREMENT_COUNT % 24));
         for (ball, xyz) in stands {
             let xyz = xyz.map(|value| value + next() * NOISE_STD_MM);
-            seen.push(BallMeasurement {
+            seen.push(PlannedBallMeasurement {
                 rotary_position_index: k,
                 ball_index: ball,
                 whitening: Matrix3::identity() / NOISE_STD_MM,

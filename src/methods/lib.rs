@@ -251,10 +251,14 @@ pub trait Method: Send + Sync {
     /// All settings, as the plan stores them.
     fn settings(&self) -> serde_json::Value;
 
-    /// The next stage after the `done` stages and their readings. With [`PositionSource::Nominal`] no readings are
+    /// The next stage after the `done` stages and their readings. With [`ObjectPositionSource::Nominal`] no readings are
     /// needed: positions come from the nominal artefact of the plan.
-    fn next_stage(&self, plan: &Plan, done: &[Stage], readings: PositionSource<'_>)
-    -> Result<NextStage, MethodRefusal>;
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        readings: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal>;
 
     /// The sensors of the machine that the method needs besides the probe.
     ///
@@ -340,9 +344,9 @@ fn named_sensors<'a>(method: &str, named: &[String], sensors: &'a [Sensor]) -> R
     Ok(sensors.iter().filter(is_named).collect())
 }
 
-/// Source of the positions that later stages need.
+/// Source of the positions of balls and other measured objects that later stages need.
 #[derive(Debug, Clone, Copy)]
-pub enum PositionSource<'a> {
+pub enum ObjectPositionSource<'a> {
     /// The readings so far.
     Measured(&'a [Reading]),
     /// No readings: the whole plan is computed from nominal positions.
@@ -355,7 +359,7 @@ pub enum PositionSource<'a> {
 /// The method refuses a stage.
 pub fn plan_nominal_stages(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
     let mut done = Vec::new();
-    while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal)? {
+    while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, ObjectPositionSource::Nominal)? {
         plan.steps.extend(new_steps);
         done.push(stage);
     }

@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use super::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use super::{IdentifyError, Method, MethodRefusal, NextStage, ObjectPositionSource};
 use machine::record::estimate::Estimate;
 use machine::record::measurement_check::Outlier;
 use machine::record::plan::{FIRST_OUTLIER_REPEAT_NUMBER, FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Stage, Step, StepKind};
@@ -130,13 +130,18 @@ impl Method for OutlierRepeater {
         self.method.settings()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
-        let PositionSource::Measured(readings) = source else {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
+        let ObjectPositionSource::Measured(readings) = source else {
             return self.method.next_stage(plan, done, source);
         };
         let ordinary: Vec<Stage> = done.iter().filter(|stage| !is_outlier_repeat(stage.repeat)).cloned().collect();
         let last = readings_of_latest_repeats(readings, u32::MAX);
-        match self.method.next_stage(plan, &ordinary, PositionSource::Measured(&last))? {
+        match self.method.next_stage(plan, &ordinary, ObjectPositionSource::Measured(&last))? {
             NextStage::NoFurtherStage => Ok(match self.outlier_repeat_stage(plan, done, readings) {
                 Some(stage) => NextStage::Stage { stage, new_steps: Vec::new() },
                 None => NextStage::NoFurtherStage,

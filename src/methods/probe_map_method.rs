@@ -2,7 +2,7 @@
 //! and subtracts the pre-travel from the readings before the identification.
 
 use super::identification::probe_map::{ProbeMap, is_probe_touch, subtract_pre_travel};
-use super::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use super::{IdentifyError, Method, MethodRefusal, NextStage, ObjectPositionSource};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step};
@@ -22,7 +22,7 @@ impl Method for ProbeMapMethod {
         &self,
         plan: &Plan,
         done: &[Stage],
-        readings: PositionSource<'_>,
+        readings: ObjectPositionSource<'_>,
     ) -> Result<NextStage, MethodRefusal> {
         let mut next = self.0.next_stage(plan, done, readings)?;
         if let NextStage::Stage { new_steps, .. } = &mut next

@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use super::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use super::{IdentifyError, Method, MethodRefusal, NextStage, ObjectPositionSource};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
@@ -67,7 +67,7 @@ impl Method for PromptedMethod {
         &self,
         plan: &Plan,
         done: &[Stage],
-        readings: PositionSource<'_>,
+        readings: ObjectPositionSource<'_>,
     ) -> Result<NextStage, MethodRefusal> {
         let count = match (machine_prompt_count(plan) as u32, done) {
             (_, []) => return Ok(self.add_prompts_to_stage(self.wrapped_method.next_stage(plan, done, readings)?)),
@@ -82,10 +82,10 @@ impl Method for PromptedMethod {
         let stages: Vec<Stage> = done.iter().map(without_prompt_ids).collect();
         let measured: Vec<Reading>;
         let readings = match readings {
-            PositionSource::Nominal => PositionSource::Nominal,
-            PositionSource::Measured(all) => {
+            ObjectPositionSource::Nominal => ObjectPositionSource::Nominal,
+            ObjectPositionSource::Measured(all) => {
                 measured = all.iter().map(renumbered).collect();
-                PositionSource::Measured(&measured)
+                ObjectPositionSource::Measured(&measured)
             }
         };
         let next = self.wrapped_method.next_stage(&without_first_steps(plan, count), &stages, readings)?;
@@ -145,12 +145,12 @@ mod tests {
             &self,
             plan: &Plan,
             done: &[Stage],
-            readings: PositionSource<'_>,
+            readings: ObjectPositionSource<'_>,
         ) -> Result<NextStage, MethodRefusal> {
             let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
             assert_eq!(ids, (0..done.len() as u32).collect::<Vec<_>>());
             assert!(plan.steps.iter().all(|step| step.kind == StepKind::Touch));
-            if let PositionSource::Measured(readings) = readings {
+            if let ObjectPositionSource::Measured(readings) = readings {
                 assert_eq!(readings.iter().map(|reading| reading.step).collect::<Vec<_>>(), ids);
             }
             let id = plan.steps.len() as u32;
@@ -198,7 +198,7 @@ mod tests {
         let (mut plan, mut done, mut readings) = (plan_without_steps(), Vec::new(), Vec::new());
         let method: [&dyn Method; 3] = [method.as_ref(), &later, &later];
         for method in method {
-            let source = PositionSource::Measured(&readings);
+            let source = ObjectPositionSource::Measured(&readings);
             let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, source).unwrap() else {
                 break;
             };

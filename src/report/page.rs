@@ -178,7 +178,7 @@ fn condition_rows(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Name
         stated_row("Source of the method", description.map_or("", |description| description.source)),
         stated_row("Begin", &facts.start_time),
         stated_row("End", &facts.end_time),
-        stated_row("Duration on the clock of the readings", &duration_text(estimate)),
+        stated_row("Duration on the clock of the readings", &measured_duration_text(estimate)),
         stated_row("Operator", &facts.operators.join(", ")),
     ];
     if facts.temperature_rows.is_empty() {
@@ -189,7 +189,7 @@ fn condition_rows(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Name
 }
 
 /// Time from the first to the last reading; a simulated machine has a clock of its own.
-fn duration_text(estimate: &Estimate) -> String {
+fn measured_duration_text(estimate: &Estimate) -> String {
     let minutes = estimate.provenance.as_ref().map(|provenance| provenance.duration_s / 60.0);
     minutes.map_or(String::new(), |minutes| format!("{} min", number::format_fixed(minutes, 1)))
 }

@@ -61,7 +61,7 @@ use machine::Position;
 use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
-use methods::{Method, NextStage, PositionSource};
+use methods::{Method, NextStage, ObjectPositionSource};
 use planning::TouchedDirections;
 use planning::gcode::TransmissionForm;
 
@@ -244,7 +244,7 @@ impl<'a> Run<'a> {
     }
 
     fn next_stage(&self, done: &[Stage]) -> Result<NextStage, RunError> {
-        Ok(self.method.next_stage(&self.plan, done, PositionSource::Measured(&self.readings))?)
+        Ok(self.method.next_stage(&self.plan, done, ObjectPositionSource::Measured(&self.readings))?)
     }
 
     /// Journals the compensation values that the control holds, and how they differ from the journal.

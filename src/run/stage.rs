@@ -13,7 +13,7 @@ use machine::record::motion::{Motion, MotionBlock, MotionBlockOutcome};
 use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::record::stage_proof::StageProof;
-use methods::{Method, NextStage, PositionSource};
+use methods::{Method, NextStage, ObjectPositionSource};
 use planning::gcode::{Dialect, TransmissionForm};
 use planning::proof::{ProvenBlock, StageProofError, StageProofRequest, StageSteps, prove_blocks};
 use planning::{
@@ -177,7 +177,7 @@ pub(super) async fn rehearse_stages(
     let mut plan = Plan { steps: Vec::new(), ..plan.clone() };
     let (mut done, mut stages) = (Vec::new(), Vec::new());
     let mut begin = StageStart { position: None, confirmed_directions: TouchedDirections::default() };
-    while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal)? {
+    while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, ObjectPositionSource::Nominal)? {
         plan.steps.extend(new_steps);
         if !split_prompts(&plan, &stage.steps)?.0.is_empty() {
             begin.confirmed_directions = TouchedDirections::default();

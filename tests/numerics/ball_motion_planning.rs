@@ -5,7 +5,7 @@ use machine::record::artefact::{Artefact, Balls};
 use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::{Axis, Position};
-use methods::{NextStage, PositionSource};
+use methods::{NextStage, ObjectPositionSource};
 use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{
@@ -186,7 +186,8 @@ fn plan_samba_on_built_in_machine(settings: &str) -> (Plan, Vec<PlannedStage>) {
     let file = trued::setup::MachineFile::parse("samba.toml", text).unwrap();
     let (method, mut plan) = trued::setup::configure_method_and_plan_without_steps(&file, "samba", None).unwrap();
     let (mut stages, mut done, mut found) = (Vec::new(), Vec::new(), None);
-    while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal).unwrap()
+    while let NextStage::Stage { stage, new_steps } =
+        method.next_stage(&plan, &done, ObjectPositionSource::Nominal).unwrap()
     {
         plan.steps.extend(new_steps);
         found = stage.found.clone().or(found);

@@ -5,7 +5,7 @@
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, StepKind};
 use machine::record::reading::Reading;
-use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use methods::{IdentifyError, Method, MethodRefusal, NextStage, ObjectPositionSource};
 use simulator::{SensorOutput, SimulatedWorld, Speed};
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
@@ -28,7 +28,12 @@ impl Method for FirstCentringRoundMethod {
         self.0.settings()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         if done.len() == 2 {
             return Ok(NextStage::NoFurtherStage);
         }

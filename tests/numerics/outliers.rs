@@ -11,7 +11,7 @@ use machine::record::estimate::{Estimate, Verdict};
 use machine::record::measurement_check::Outlier;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
-use methods::{Method, NextStage, PositionSource};
+use methods::{Method, NextStage, ObjectPositionSource};
 use rand::RngExt;
 use simulator::SimulatedWorld;
 use testing::population::{event_count_limit, is_full_test_run, population_size};
@@ -119,7 +119,7 @@ fn repeated_touches_do_not_depend_on_an_interruption() {
     let (mut plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     for gap_s in [5.0, 20.0, 25.0] {
         plan.interruption_times_s = vec![gap_s];
-        let next = method.next_stage(&plan, &stages[..2], PositionSource::Nominal);
+        let next = method.next_stage(&plan, &stages[..2], ObjectPositionSource::Nominal);
         let Ok(NextStage::Stage { stage, .. }) = next else { panic!("{gap_s} s: {next:?}") };
         assert_eq!(stage.steps, stages[2].steps, "{gap_s} s");
     }

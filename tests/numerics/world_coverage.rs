@@ -5,7 +5,7 @@ use nalgebra::{Matrix4, Vector4};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Step, StepKind};
-use methods::{NextStage, PositionSource};
+use methods::{NextStage, ObjectPositionSource};
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
@@ -187,7 +187,7 @@ fn estimate_and_truth_of_interrupted_run(
     let mut readings = Vec::new();
     let mut done = Vec::new();
     for (pass, count) in [5, touches_before_stop].into_iter().enumerate() {
-        let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings)).expect("well-posed");
+        let next = method.next_stage(&plan, &done, ObjectPositionSource::Measured(&readings)).expect("well-posed");
         let NextStage::Stage { stage, new_steps } = next else { panic!("pass {pass}") };
         let played = new_steps.iter().take(count);
         readings.extend(played.map(|step| plan_player::play_step(&mut world, step, 0)));

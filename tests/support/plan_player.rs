@@ -3,7 +3,7 @@
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
-use methods::{Method, MethodRefusal, NextStage, PositionSource};
+use methods::{Method, MethodRefusal, NextStage, ObjectPositionSource};
 use simulator::{SensorOutput, SimulatedWorld, Speed};
 
 /// Plays one step: over the part, down, touch, back, up.
@@ -97,7 +97,7 @@ pub fn try_measure_all_stages(
 ) -> Result<(Plan, Vec<Reading>), MethodRefusal> {
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
-        let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings))?;
+        let next = method.next_stage(&plan, &done, ObjectPositionSource::Measured(&readings))?;
         let NextStage::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
         plan.steps.extend(new_steps);
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {

@@ -44,7 +44,8 @@ pub struct SensorCalibration {
 /// Estimates the deviations of all channels of `data` from the first harmonic. `turn_sign`: σ, ±1.
 ///
 /// # Errors
-/// The rows do not determine P and E_n, for example with one sensor in a cross section.
+/// The rows do not determine the error motion P and the eccentricities E_n of the cross sections, for example because
+/// one of them has only one sensor.
 pub fn calibrate_sensors(
     data: &HarmonicData,
     sensors: &[DeclaredSensor],

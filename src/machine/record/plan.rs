@@ -14,8 +14,8 @@ use crate::{Axis, Position};
 /// Version of the plan format, the value of the key `trued_plan`.
 pub const PLAN_VERSION: u32 = 1;
 
-/// First repeat number of steps that are measured again because their readings were outliers. It is above the number
-/// of passes of any method; the numbers are below [`FIRST_REPEAT_NUMBER_AFTER_STOP`].
+/// First repeat number of steps that are measured again because their readings were outliers. These repeat numbers are
+/// above the number of passes of any method and below [`FIRST_REPEAT_NUMBER_AFTER_STOP`].
 pub const FIRST_OUTLIER_REPEAT_NUMBER: u32 = 500;
 
 /// First repeat number of references that are measured again after a stop.

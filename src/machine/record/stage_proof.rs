@@ -13,7 +13,7 @@ pub struct StageProof {
     pub nearest: Option<Clearance>,
     /// The smallest clearance of each step, in order.
     pub steps: Vec<Clearance>,
-    /// What was not checked, as text: bodies that the machine file does not declare, neighbours that are built
+    /// What was not checked, as text: bodies that the machine file does not declare, pairs of bodies that are built
     /// close, moves before the positions of all axes are known.
     #[serde(rename = "not_looked_at")]
     pub unchecked_items: Vec<String>,

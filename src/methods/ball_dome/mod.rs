@@ -24,7 +24,9 @@ pub use settings::BallDomeSettings;
 
 use crate::ball_measurement::{self, VisitCache};
 use crate::identification::plan_with_assumed_repeatability;
-use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use crate::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -61,7 +63,12 @@ impl Method for BallDome {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         let setup = design::dome_setup(plan, &self.settings)?;
         let visits = self.visit_cache.get_or_design(plan, || design::design_visits(&setup, &self.settings))?;
         ball_measurement::next_stage(&setup, &visits, done, source)

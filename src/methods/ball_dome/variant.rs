@@ -74,15 +74,15 @@ pub struct StylusEstimate {
 }
 
 impl DomeVariant {
-    /// `errors`: errors of the machine of this variant.
-    pub fn new(kind: VariantKind, points: &MeasuredPoints, errors: &[ErrorTerm], stylus: StylusEstimate) -> Self {
-        let measured_mm = points.table_positions_mm(errors, stylus.vector_mm);
+    /// `known_errors`: errors of the machine from the prior; empty for the nominal machine.
+    pub fn new(kind: VariantKind, points: &MeasuredPoints, known_errors: &[ErrorTerm], stylus: StylusEstimate) -> Self {
+        let measured_mm = points.table_positions_mm(known_errors, stylus.vector_mm);
         let fit = RigidFit::new(&points.certified_positions_mm, &measured_mm);
         Self {
             kind,
             stylus,
             certified_to_measured_fit: fit,
-            point_derivatives_by_stylus: points.point_derivatives_by_stylus(errors),
+            point_derivatives_by_stylus: points.point_derivatives_by_stylus(known_errors),
         }
     }
 

@@ -6,7 +6,7 @@ use super::rest_check::needs_rest_check_round;
 use super::setup::{BallVisit, MeasurementSetup, SearchMode, describe_rotary_axes_in_degrees};
 use super::stage_review::review_stage;
 use super::touch_label::{MeasurementPurpose, TouchLabel, touch_steps_with_labels};
-use crate::{MethodRefusal, NextStage, PositionSource};
+use crate::{MethodRefusal, NextStage, ObjectPositionSource};
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
@@ -32,12 +32,12 @@ pub fn next_stage(
     setup: &MeasurementSetup<'_>,
     visits: &[BallVisit],
     done: &[Stage],
-    source: PositionSource<'_>,
+    source: ObjectPositionSource<'_>,
 ) -> Result<NextStage, MethodRefusal> {
     let id = done.last().map_or(0, |stage| stage.id + 1);
     let (known, one_more) = match source {
-        PositionSource::Nominal => (FoundBalls::from_stated_positions(setup), false),
-        PositionSource::Measured(readings) => {
+        ObjectPositionSource::Nominal => (FoundBalls::from_stated_positions(setup), false),
+        ObjectPositionSource::Measured(readings) => {
             if let Some(stage) = build_repeat_stage(setup, done, readings, id)? {
                 return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
             }

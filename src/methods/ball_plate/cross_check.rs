@@ -1,4 +1,4 @@
-//! Comparison of least squares over all visits with the four steps of paper 5.
+//! Comparison of least squares over all visits with the four-step evaluation of the source of the method.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -45,8 +45,8 @@ impl LargestCoefficientDifference {
     pub fn warning(&self) -> Option<String> {
         (self.difference > self.coefficient_expanded_uncertainty).then(|| {
             format!(
-                "least squares over all visits and the four steps of paper 5 differ: {self}. Find the visits with \
-                large residual_rms and measure them again"
+                "least squares over all visits and the four-step evaluation of the source of the method differ: {self}. \
+                 Find the visits with large residual_rms and measure them again"
             )
         })
     }
@@ -56,8 +56,12 @@ impl LargestCoefficientDifference {
 pub fn describe_cross_check(result: &Result<LargestCoefficientDifference, &'static str>) -> String {
     let reference = "least squares over all visits";
     match result {
-        Err(reason) => format!("{reference}; not compared with the four steps of paper 5: {reason}"),
-        Ok(difference) => format!("{reference}; compared with the four steps of paper 5: {difference}"),
+        Err(reason) => {
+            format!("{reference}; not compared with the four-step evaluation of the source of the method: {reason}")
+        }
+        Ok(difference) => {
+            format!("{reference}; compared with the four-step evaluation of the source of the method: {difference}")
+        }
     }
 }
 

@@ -26,7 +26,9 @@ pub use settings::BallPlateSettings;
 
 use self::design::PlateDesign;
 use self::plate::Plate;
-use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use crate::ball_measurement::{self, MeasurementSetup};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -64,7 +66,12 @@ impl Method for BallPlate {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let plate = Plate::new(plan, &self.settings)?;
         let design = PlateDesign::new(plan, &self.settings, &plate)?;

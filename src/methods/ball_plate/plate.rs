@@ -37,7 +37,8 @@ pub struct Plate<'a> {
 
 impl<'a> Plate<'a> {
     /// # Errors
-    /// The machine has no rotary table along Z; the balls are not on one circle at multiples of 360°/M.
+    /// The machine has no rotary table along Z, or the balls are not on one circle at multiples of 360°/M, where M is the
+    /// number of stops per revolution.
     pub fn new(plan: &'a Plan, settings: &BallPlateSettings) -> Result<Self, MethodRefusal> {
         let set = require_balls(super::METHOD_NAME, &plan.artefact)?;
         let chain = KinematicChain::new(&plan.machine)?;

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::travel::{AxisTravel, error_by_gain_mm, gain_of};
 use crate::MethodRefusal;
-use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedPosition};
+use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedSpindleComponent};
 use machine::frame::{Point, SpindleFrame};
 use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, KinematicChain, ZParallelTableAxis};
 use machine::record::estimate::Estimate;
@@ -36,7 +36,7 @@ pub struct MeasuredAxisPositions<'a> {
     chain: KinematicChain,
     estimate: &'a Estimate,
     known: KnownErrors<'a>,
-    undetermined_spindle_positions: Vec<UndeterminedPosition>,
+    undetermined_spindle_components: Vec<UndeterminedSpindleComponent>,
     /// Point for which the positions are valid. `None`: the table has no axis along Z.
     at: Option<Vector3<f64>>,
     tip: Point<SpindleFrame>,
@@ -56,7 +56,7 @@ impl<'a> MeasuredAxisPositions<'a> {
         let at = reference_point(machine, &chain, estimate);
         let known = known.with_spindle_position(&spindle);
         let tip = Point::from_vec(Vector3::z() * machine.tool_mm[2]);
-        Ok(Self { chain, estimate, known, undetermined_spindle_positions: spindle.undetermined, at, tip })
+        Ok(Self { chain, estimate, known, undetermined_spindle_components: spindle.undetermined, at, tip })
     }
 
     /// Point for which the positions are valid: machine frame with all axes at zero, mm. The position of each axis is
@@ -165,8 +165,8 @@ impl<'a> MeasuredAxisPositions<'a> {
                 format!("give a run that includes {carrier} at 0"),
             )?;
         }
-        match self.undetermined_spindle_positions.iter().find(|own| own.component == component) {
-            Some(UndeterminedPosition { reason, remedy, .. }) => Err(MethodRefusal::new(reason, remedy)),
+        match self.undetermined_spindle_components.iter().find(|own| own.component == component) {
+            Some(UndeterminedSpindleComponent { reason, remedy, .. }) => Err(MethodRefusal::new(reason, remedy)),
             None => Ok(()),
         }
     }

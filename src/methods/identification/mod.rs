@@ -54,7 +54,7 @@ pub use outputs::{
     reported_unit, slope_of_unknown,
 };
 pub use propagation::{Propagation, Uncertainty};
-pub use spindle_position::{SpindlePosition, StatedStylusUncertainty, UndeterminedPosition};
+pub use spindle_position::{SpindlePosition, StatedStylusUncertainty, UndeterminedSpindleComponent};
 pub use uncertainty_source::{
     DrawDistribution, EvaluationType, ObservationEffect, ObservationSpanChange, ResidualTreatment, UncertaintySource,
     block_covariances, linear_combination, prior_covariance,

@@ -38,12 +38,12 @@ pub struct SpindleTerm<'a> {
 pub struct SpindlePosition<'a> {
     pub terms: Vec<SpindleTerm<'a>>,
     /// Linear axes along which the estimate does not give the position of the spindle.
-    pub undetermined: Vec<UndeterminedPosition>,
+    pub undetermined: Vec<UndeterminedSpindleComponent>,
 }
 
 /// A direction in which the position of the spindle is not determined, and what would determine it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct UndeterminedPosition {
+pub struct UndeterminedSpindleComponent {
     pub component: Axis,
     pub reason: String,
     pub remedy: String,
@@ -139,8 +139,8 @@ fn was_spindle_turned(estimate: &Estimate) -> bool {
 }
 
 /// The spindle was turned, so the stylus is separate from it; but its position is not among the errors.
-fn unidentified_spindle_position(estimate: &Estimate, component: Axis) -> UndeterminedPosition {
-    UndeterminedPosition {
+fn unidentified_spindle_position(estimate: &Estimate, component: Axis) -> UndeterminedSpindleComponent {
+    UndeterminedSpindleComponent {
         component,
         reason: format!("E{component}0S is not among the identified errors of the {} run", estimate.method),
         remedy: "add EX0S and EY0S to the parameters of the method".to_owned(),
@@ -164,9 +164,9 @@ fn undetermined_without_stylus(
     estimate: &Estimate,
     component: Axis,
     stylus: StatedStylusUncertainty,
-) -> Option<UndeterminedPosition> {
+) -> Option<UndeterminedSpindleComponent> {
     if estimate.parameters.iter().any(|parameter| parameter.symbol.starts_with("zero_")) {
-        return Some(UndeterminedPosition {
+        return Some(UndeterminedSpindleComponent {
             component,
             reason: format!("the {} run does not give stylus or sensor relative to the spindle", estimate.method),
             remedy: "give a run of samba".to_owned(),
@@ -178,7 +178,7 @@ fn undetermined_without_stylus(
     is_unknown.then(|| position_inseparable_from_stylus(estimate, component))
 }
 
-fn position_inseparable_from_stylus(estimate: &Estimate, component: Axis) -> UndeterminedPosition {
+fn position_inseparable_from_stylus(estimate: &Estimate, component: Axis) -> UndeterminedSpindleComponent {
     let (what, remedy) = match component {
         Axis::Z => (
             "the length of the stylus from the position of the axes",
@@ -190,7 +190,7 @@ fn position_inseparable_from_stylus(estimate: &Estimate, component: Axis) -> Und
              run-out of the stylus as stylus_offset_um in [probe]",
         ),
     };
-    UndeterminedPosition {
+    UndeterminedSpindleComponent {
         component,
         reason: format!("the {} run does not separate {what}", estimate.method),
         remedy: remedy.to_owned(),

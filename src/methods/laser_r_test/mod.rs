@@ -32,7 +32,9 @@ pub use settings::LaserRTestSettings;
 
 use self::settings::MeasuringDevice;
 use self::setup::LaserSetup;
-use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -68,14 +70,19 @@ impl Method for LaserRTest {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         let setup = LaserSetup::new(plan, &self.settings)?;
         let stage_requests = stages::list_stage_requests(&setup)?;
         let stage_count = done.iter().filter(|stage| stage.repeat == 0).count();
         let Some(stage_request) = stage_requests.get(stage_count) else { return Ok(NextStage::NoFurtherStage) };
         let geometry = match source {
-            PositionSource::Nominal => sphere_geometry::nominal_geometry(&setup),
-            PositionSource::Measured(readings) => sphere_geometry::measured_geometry(&setup, readings)?,
+            ObjectPositionSource::Nominal => sphere_geometry::nominal_geometry(&setup),
+            ObjectPositionSource::Measured(readings) => sphere_geometry::measured_geometry(&setup, readings)?,
         };
         stages::build_stage(&setup, stage_request, &geometry, done)
     }

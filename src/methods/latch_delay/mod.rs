@@ -21,7 +21,9 @@ pub use settings::LatchDelaySettings;
 use self::evaluation::EvaluatedRun;
 use self::feeds::TouchFeeds;
 use self::touch_path::TouchEndsAndNormal;
-use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use machine::artefact::max_misplacement_mm;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -64,14 +66,19 @@ impl Method for LatchDelay {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let feeds = self.choose_feeds(plan)?;
         let touch_path = TouchEndsAndNormal::from_plan(plan, &self.settings, &feeds)?;
         let (name, steps) = match done.len() {
             0 => ("search".to_owned(), vec![touch_path.search_step(plan.probe.search_feed_mm_min)]),
             1 => {
-                if let PositionSource::Measured(readings) = source {
+                if let ObjectPositionSource::Measured(readings) = source {
                     observe::check_search_result(plan, &feeds, readings)?;
                 }
                 let name = format!("{} and {} mm/min", feeds.measuring_feed_mm_min, feeds.fast_feed_mm_min);

@@ -35,7 +35,9 @@ use self::outputs::ReportedMotions;
 use self::setup::MultiprobeSetup;
 use self::sources::{SourceSizes, uncertainty_sources};
 use crate::identification::{Identification, IdentificationOutputs, TrialSettings};
-use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use crate::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use estimation::revolutions::HarmonicData;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -73,7 +75,12 @@ impl Method for Multiprobe {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let setup = MultiprobeSetup::new(plan, &self.settings)?;
         if done.is_empty() {

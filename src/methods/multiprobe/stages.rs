@@ -7,7 +7,7 @@ use super::settings::{MultiprobeSettings, TurnSampling};
 use super::setup::MultiprobeSetup;
 use super::step_label::StepLabel;
 use crate::revolution_grid::RevolutionGrid;
-use crate::{MethodRefusal, NextStage, PositionSource};
+use crate::{MethodRefusal, NextStage, ObjectPositionSource};
 use estimation::revolutions::KERNEL_HALF_WIDTH_OUTPUT_STEPS;
 use machine::Position;
 use machine::record::plan::{ArtefactMount, Sampling, Scan, Stage, Step, StepKind};
@@ -23,15 +23,15 @@ const MAX_CENTRING_ROUNDS: usize = 20;
 pub fn next_stage(
     setup: &MultiprobeSetup<'_>,
     done: &[Stage],
-    source: PositionSource<'_>,
+    source: ObjectPositionSource<'_>,
 ) -> Result<NextStage, MethodRefusal> {
     let labels: Vec<StepLabel> = setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
     let count = |is: fn(&StepLabel) -> bool| labels.iter().filter(|label| is(label)).count();
     let rounds = count(|label| matches!(label, StepLabel::CentringRound(_)));
     let mounted = count(|label| matches!(label, StepLabel::MountPrompt(_)));
     let measured = match source {
-        PositionSource::Nominal => None,
-        PositionSource::Measured(readings) => CentringResult::from_readings(setup, readings),
+        ObjectPositionSource::Nominal => None,
+        ObjectPositionSource::Measured(readings) => CentringResult::from_readings(setup, readings),
     };
     let off_centre = measured.filter(|centring| !centring.is_within_limit(setup));
     let turn = forward_turn_angles_deg(setup)?;

@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::MethodRefusal;
-use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedPosition};
+use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedSpindleComponent};
 use machine::frame::{Point, SpindleFrame};
 use machine::kinematics::{ErrorTerm, KinematicChain, KinematicsError};
 use machine::record::estimate::Estimate;
@@ -69,7 +69,7 @@ pub struct ErrorPredictor<'a> {
     known_errors: KnownErrors<'a>,
     /// Directions in which the estimate does not give the position of the spindle. The spindle is assumed to have no
     /// error in these directions.
-    undetermined_spindle: Vec<UndeterminedPosition>,
+    undetermined_spindle_components: Vec<UndeterminedSpindleComponent>,
     /// Errors that the control takes into account.
     compensated_errors: Vec<ErrorTerm>,
     tip: Point<SpindleFrame>,
@@ -105,11 +105,11 @@ impl<'a> ErrorPredictor<'a> {
             WorkZero::EachRotaryPosition => None,
         };
         let measured_ranges = &estimate.measured_ranges;
-        let undetermined_spindle = spindle.undetermined;
+        let undetermined_spindle_components = spindle.undetermined;
         Ok(Self {
             chain,
             known_errors,
-            undetermined_spindle,
+            undetermined_spindle_components,
             compensated_errors: Vec::new(),
             tip,
             measured_ranges,
@@ -159,11 +159,12 @@ impl<'a> ErrorPredictor<'a> {
 
     /// Errors that the prediction includes, and what it does not include, in words.
     pub fn describe_model(&self) -> String {
-        let undetermined = self.undetermined_spindle.chunk_by(|one, other| one.reason == other.reason).map(|group| {
-            let components: Vec<String> = group.iter().map(|position| position.component.to_string()).collect();
-            let (reason, remedy) = group.first().map_or(("", ""), |first| (&first.reason, &first.remedy));
-            format!("; the spindle is assumed error-free in {}, because {reason}: {remedy}", components.join(", "))
-        });
+        let undetermined =
+            self.undetermined_spindle_components.chunk_by(|one, other| one.reason == other.reason).map(|group| {
+                let components: Vec<String> = group.iter().map(|position| position.component.to_string()).collect();
+                let (reason, remedy) = group.first().map_or(("", ""), |first| (&first.reason, &first.remedy));
+                format!("; the spindle is assumed error-free in {}, because {reason}: {remedy}", components.join(", "))
+            });
         format!(
             "by {} of the estimate of {}; all other errors of the machine count as 0, without uncertainty{}",
             self.known_errors.symbols.join(", "),

@@ -17,7 +17,9 @@ mod unknowns_layout;
 pub use settings::ProbeQualificationSettings;
 
 use self::setup::QualificationSetup;
-use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use crate::identification::probe_map;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -51,7 +53,12 @@ impl Method for ProbeQualification {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         stages::next_stage(&QualificationSetup::new(plan, &self.settings)?, done, source)
     }
 

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::settings::ProbeQualificationSettings;
 use crate::identification::azimuth_dependence::DEFAULT_LOBING_ORDERS;
-use crate::{IdentifyError, MethodRefusal, PositionSource, readings_of_last_repeat};
+use crate::{IdentifyError, MethodRefusal, ObjectPositionSource, readings_of_last_repeat};
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Step};
@@ -114,10 +114,10 @@ impl<'a> QualificationSetup<'a> {
     ///
     /// # Errors
     /// Touches are missing or do not fit a sphere.
-    pub fn measured_balls(&self, source: PositionSource<'_>) -> Result<Balls, MethodRefusal> {
+    pub fn measured_balls(&self, source: ObjectPositionSource<'_>) -> Result<Balls, MethodRefusal> {
         let uncertainty_mm = self.settings.standoff_mm.min(self.settings.search_mm) / 2.0;
         let mut balls = Balls { uncertainty_mm, ..self.balls.clone() };
-        if let PositionSource::Measured(readings) = source {
+        if let ObjectPositionSource::Measured(readings) = source {
             for ball in &mut balls.balls {
                 ball.centre_mm = self.measured_centre(&ball.id, readings)?.into();
             }

@@ -3,7 +3,7 @@
 
 use super::settings::ProbeQualificationSettings;
 use super::setup::{QualificationSetup, SEARCH_LABEL_PREFIX};
-use crate::{MethodRefusal, NextStage, PositionSource};
+use crate::{MethodRefusal, NextStage, ObjectPositionSource};
 use machine::Position;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Stage, Step, StepKind};
@@ -20,7 +20,7 @@ const SECOND_CIRCLE_ELEVATION_OFFSET_DEG: f64 = 45.0;
 pub fn next_stage(
     setup: &QualificationSetup<'_>,
     done: &[Stage],
-    source: PositionSource<'_>,
+    source: ObjectPositionSource<'_>,
 ) -> Result<NextStage, MethodRefusal> {
     let ordinary = done.iter().filter(|stage| stage.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP).count();
     let orientations = setup.spindle_orientations_deg();

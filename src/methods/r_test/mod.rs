@@ -17,7 +17,9 @@ mod stages;
 pub use settings::RTestSettings;
 
 use self::sensor_nest::SensorNest;
-use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use crate::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -51,7 +53,12 @@ impl Method for RTest {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         stages::next_stage(&SensorNest::new(plan, &self.settings)?, done, source)
     }

@@ -5,7 +5,7 @@ use super::observe::{BACKWARD_STEP_LABEL, CALIBRATION_STEP_LABEL, FORWARD_STEP_L
 use super::sensor_nest::SensorNest;
 use super::settings::RTestSettings;
 use crate::revolution_grid::RevolutionGrid;
-use crate::{MethodRefusal, NextStage, PositionSource};
+use crate::{MethodRefusal, NextStage, ObjectPositionSource};
 use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::watched_sensors::WatchedSensor;
@@ -21,7 +21,7 @@ const REFERENCE_TURN_STEP_LABEL: &str = "reference";
 pub fn next_stage(
     nest: &SensorNest<'_>,
     done: &[Stage],
-    source: PositionSource<'_>,
+    source: ObjectPositionSource<'_>,
 ) -> Result<NextStage, MethodRefusal> {
     let (name, steps) = match done.len() {
         0 => {
@@ -29,7 +29,7 @@ pub fn next_stage(
             ("calibration of the sensors", vec![mount_prompt(nest), calibration_scan(nest)])
         }
         1 => {
-            if let PositionSource::Measured(readings) = source {
+            if let ObjectPositionSource::Measured(readings) = source {
                 check_sensor_calibration(nest, readings)?;
             }
             ("turns", turn_scans(nest)?)

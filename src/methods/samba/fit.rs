@@ -14,9 +14,9 @@ use machine::frame::unit_vector;
 
 pub use geometry_equations::GeometryEquations;
 
-/// One measurement of a ball: position and weight.
+/// Which ball is measured at which rotary position, and with which weight; without the measured centre.
 #[derive(Debug, Clone, Copy)]
-pub struct BallMeasurement {
+pub struct PlannedBallMeasurement {
     /// Index of the rotary position.
     pub rotary_position_index: usize,
     pub ball_index: usize,
@@ -45,7 +45,7 @@ pub struct GeometryProblem {
     model: GeometryModel,
     stated_stylus_mm: Vector3<f64>,
     rotary_positions: Vec<Position>,
-    measurements: Vec<BallMeasurement>,
+    measurements: Vec<PlannedBallMeasurement>,
     certified_lengths: Vec<LengthConstraint>,
     groups: Vec<BallGroup>,
     /// Index of the first coordinate of each ball among the unknowns.
@@ -70,7 +70,7 @@ impl GeometryProblem {
     pub fn new(
         model: GeometryModel,
         positions: Vec<Position>,
-        measurements: Vec<BallMeasurement>,
+        measurements: Vec<PlannedBallMeasurement>,
         certified_lengths: Vec<LengthConstraint>,
         ball_count: usize,
         stylus: Vector3<f64>,
@@ -195,8 +195,9 @@ impl GeometryProblem {
     /// has the errors in `x`; table frame, mm.
     pub fn centres_from_measured_axes(&self, x: &[f64], measured: &ObservedValues) -> Vec<Vector3<f64>> {
         let tip_functions = self.tip_functions(x);
-        let value =
-            |(of, xyz): (&BallMeasurement, &Vector3<f64>)| tip_functions[of.rotary_position_index].value_at(*xyz);
+        let value = |(of, xyz): (&PlannedBallMeasurement, &Vector3<f64>)| {
+            tip_functions[of.rotary_position_index].value_at(*xyz)
+        };
         self.measurements.iter().zip(&measured.centre_axes_mm).map(value).collect()
     }
 
@@ -330,7 +331,7 @@ impl GeometryProblem {
 
 /// Groups of balls joined by lengths, in the order of the first ball of each group.
 fn group_balls(
-    measurements: &[BallMeasurement],
+    measurements: &[PlannedBallMeasurement],
     certified_lengths: &[LengthConstraint],
     ball_count: usize,
 ) -> Vec<BallGroup> {

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::confounding::COORDINATE_NAMES;
-use super::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues, vector_at};
+use super::fit::{GeometryProblem, LengthConstraint, ObservedValues, PlannedBallMeasurement, vector_at};
 use super::geometry_model::{GeometryModel, length_at_its_temperature_mm, length_u_mm};
 use super::settings::SambaSettings;
 use super::sources::uncertainty_sources;
@@ -168,7 +168,7 @@ fn build_problem(
         })
     });
     let whitening = whitening_matrices(sources, observed.centres.len());
-    let measurements = observed.centres.iter().zip(whitening).map(|(centre, whitening)| BallMeasurement {
+    let measurements = observed.centres.iter().zip(whitening).map(|(centre, whitening)| PlannedBallMeasurement {
         rotary_position_index: centre.measured_rotary_position_index,
         ball_index: centre.ball_index,
         whitening,

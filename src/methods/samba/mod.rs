@@ -19,14 +19,16 @@ pub mod tests;
 mod warnings;
 
 pub use crate::identification::NonlinearFit;
-pub use fit::{BallMeasurement, GeometryEquations, GeometryProblem, LengthConstraint, ObservedValues};
+pub use fit::{GeometryEquations, GeometryProblem, LengthConstraint, ObservedValues, PlannedBallMeasurement};
 pub use geometry_model::GeometryModel;
 pub use settings::SambaSettings;
 
 use std::sync::Arc;
 
 use self::design::DesignSetup;
-use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use crate::ball_measurement::{self, BallVisit, VisitCache};
 use crate::identification::{
     describe_assumed_repeatability, describe_expected_uncertainty, plan_with_assumed_repeatability,
@@ -76,7 +78,12 @@ impl Method for Samba {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         let setup = DesignSetup::new(plan, &self.settings)?;
         let visits = self.designed_visits(&setup)?;
         ball_measurement::next_stage(&setup.measurement_setup(), &visits, done, source)

@@ -37,7 +37,9 @@ use std::cmp::Ordering;
 use self::measured_table_axis::MeasuredTableAxis;
 use self::setup::{PartGeometry, SelfCalibrationSetup};
 use super::identification::KnownErrorMotions;
-use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod,
+};
 use estimation::circle;
 use machine::record::artefact::{Artefact, Cylinder};
 use machine::record::estimate::Estimate;
@@ -100,7 +102,12 @@ impl Method for SelfCalibration {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         let setup = SelfCalibrationSetup::new(plan, &self.settings)?;
         if done.is_empty() {
             // All refusals come before the first move.
@@ -112,7 +119,7 @@ impl Method for SelfCalibration {
         let located = usize::from(self.settings.locate);
         let Some(first) = done.get(located) else {
             let part = match source {
-                PositionSource::Measured(readings) if self.settings.locate => locate_part(&setup, readings)?,
+                ObjectPositionSource::Measured(readings) if self.settings.locate => locate_part(&setup, readings)?,
                 _ => setup.nominal_part(),
             };
             let mut next = NextStage::from_new_steps(plan, done, "Tests 1a to 3", setup.steps_after_locating(part)?);

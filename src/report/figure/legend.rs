@@ -53,21 +53,25 @@ pub(super) fn legend_height(entries: &[LegendEntry], left: u32, picture_width: u
 pub(super) fn draw_legend(area: &Area<'_>, left: u32, entries: &[LegendEntry]) -> DrawResult {
     for ((symbol, text), place) in entries_with_places(entries, left, area.dim_in_pixel().0) {
         let middle = (LEGEND_ROW_HEIGHT * place.row + LEGEND_ROW_HEIGHT / 2) as i32;
-        draw_legend_symbol(area, *symbol, (place.x, middle))?;
+        draw_legend_symbol(area, *symbol, (place.left_x, middle))?;
         let top = middle - (0.6 * FONT_SIZE) as i32;
-        area.draw_text(text, &text_style(FONT_SIZE), (place.x + LINE_SAMPLE_LENGTH + SAMPLE_TO_TEXT_GAP, top))?;
+        area.draw_text(text, &text_style(FONT_SIZE), (place.left_x + LINE_SAMPLE_LENGTH + SAMPLE_TO_TEXT_GAP, top))?;
     }
     Ok(())
 }
 
 /// Position of an entry: its row, and the left edge of its sample.
-struct LegendPlace {
+struct LegendEntryPlace {
     row: u32,
-    x: i32,
+    left_x: i32,
 }
 
 /// Entries from left to right; an entry that does not fit begins a new row.
-fn entries_with_places(entries: &[LegendEntry], left: u32, picture_width: u32) -> Vec<(&LegendEntry, LegendPlace)> {
+fn entries_with_places(
+    entries: &[LegendEntry],
+    left: u32,
+    picture_width: u32,
+) -> Vec<(&LegendEntry, LegendEntryPlace)> {
     let (mut row, mut x) = (0, left as i32);
     let place = |entry| {
         let (_, text): &LegendEntry = entry;
@@ -76,7 +80,7 @@ fn entries_with_places(entries: &[LegendEntry], left: u32, picture_width: u32) -
         if x > left as i32 && x + width > picture_width as i32 {
             (row, x) = (row + 1, left as i32);
         }
-        let place = LegendPlace { row, x };
+        let place = LegendEntryPlace { row, left_x: x };
         x += width + 3 * SAMPLE_TO_TEXT_GAP;
         (entry, place)
     };

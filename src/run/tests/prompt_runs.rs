@@ -22,7 +22,7 @@ impl Method for PromptingMethod {
         &self,
         plan: &Plan,
         done: &[Stage],
-        readings: PositionSource<'_>,
+        readings: ObjectPositionSource<'_>,
     ) -> Result<NextStage, MethodRefusal> {
         let next = self.inner.next_stage(plan, done, readings)?;
         let NextStage::Stage { mut stage, mut new_steps } = next else { return Ok(next) };

@@ -14,9 +14,14 @@ impl Method for RepeatingMethod {
         self.inner.settings()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         let inner: Vec<Stage> = done.iter().filter(|stage| stage.repeat < 7).cloned().collect();
-        if matches!(source, PositionSource::Measured(_))
+        if matches!(source, ObjectPositionSource::Measured(_))
             && let [first] = done
         {
             let name = format!("{}, once more", first.name);

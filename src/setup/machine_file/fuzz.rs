@@ -4,7 +4,7 @@ use super::{MachineFile, balls_csv};
 use crate::setup;
 use machine::artefact;
 use machine::record::artefact::Balls;
-use methods::{METHOD_DESCRIPTIONS, PositionSource};
+use methods::{METHOD_DESCRIPTIONS, ObjectPositionSource};
 use testing::fuzz::fuzz_parser;
 
 const SIMULATED: &[u8] = include_bytes!("../../../config/simulated.toml");
@@ -77,7 +77,7 @@ fn build_parts_and_check_finite_numbers(file: &MachineFile) -> usize {
     let Ok((method, plan_without_steps)) = configured else {
         return machine.len();
     };
-    drop(method.next_stage(&plan_without_steps, &[], PositionSource::Nominal));
+    drop(method.next_stage(&plan_without_steps, &[], ObjectPositionSource::Nominal));
     drop(setup::build_world(file));
     machine.len() + bodies.len()
 }

@@ -174,12 +174,12 @@ impl MachineFile {
         Sha256::digest(self.text()).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
-    /// `[simulated]` as the owner's type; `None` if the file has no such section.
+    /// The section `[simulated]` as the type of the module that uses it; `None` if the file has no such section.
     pub fn read_simulated_section<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
         self.document.read_section(&["simulated"], T::deserialize)
     }
 
-    /// `[serve]` as the owner's type.
+    /// The section `[serve]` as the type of the module that uses it.
     ///
     /// # Errors
     /// The section is missing or invalid.

@@ -8,7 +8,7 @@ use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
-use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use methods::{IdentifyError, Method, MethodRefusal, NextStage, ObjectPositionSource};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use trued::run::{Run, RunError};
 use trued::setup::{self, EarlierSessions, MachineFile, SimulationPace};
@@ -107,7 +107,7 @@ impl Method for PassesMethod {
         serde_json::json!({})
     }
 
-    fn next_stage(&self, _: &Plan, done: &[Stage], _: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, _: &Plan, done: &[Stage], _: ObjectPositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         if !done.is_empty() {
             return Ok(NextStage::NoFurtherStage);
         }

@@ -1,7 +1,7 @@
 //! Tests the refusals of `latch-delay` before any motion, and after the part was found.
 
 use machine::record::plan::{Plan, Stage};
-use methods::{MethodRefusal, NextStage, PositionSource};
+use methods::{MethodRefusal, NextStage, ObjectPositionSource};
 
 use super::latch_delay_world::LatchDelayWorld;
 
@@ -62,7 +62,8 @@ fn feeds_alternate_at_one_position() {
 #[test]
 fn displaced_part_is_refused_when_located() {
     let (method, mut plan) = LatchDelayWorld::with_a_round_part().method_and_plan_without_steps();
-    let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
+    let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &[], ObjectPositionSource::Nominal).unwrap()
+    else {
         panic!("a search")
     };
     plan.steps.extend(new_steps);
@@ -80,7 +81,7 @@ fn displaced_part_is_refused_when_located() {
         }
     };
     let next =
-        |x_mm| method.next_stage(&plan, std::slice::from_ref(&stage), PositionSource::Measured(&[reading(x_mm)]));
+        |x_mm| method.next_stage(&plan, std::slice::from_ref(&stage), ObjectPositionSource::Measured(&[reading(x_mm)]));
     assert!(next(2.0).is_ok());
     for x_mm in [0.001, 5.3, f64::NAN] {
         assert!(next(x_mm).unwrap_err().reason.contains("the first contact was after"), "{x_mm}");

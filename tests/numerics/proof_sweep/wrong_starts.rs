@@ -5,7 +5,7 @@
 use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
-use methods::{NextStage, PositionSource};
+use methods::{NextStage, ObjectPositionSource};
 use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{BlockStart, SafeHeights, TouchedDirections, position_after_motions, touch_block};
@@ -217,7 +217,8 @@ fn locating_plan() -> Plan {
     let file = trued::setup::MachineFile::parse("simulated.toml", text).unwrap();
     let (method, mut plan) =
         trued::setup::configure_method_and_plan_without_steps(&file, "self-calibration", None).unwrap();
-    let NextStage::Stage { new_steps, .. } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
+    let NextStage::Stage { new_steps, .. } = method.next_stage(&plan, &[], ObjectPositionSource::Nominal).unwrap()
+    else {
         panic!("no stage")
     };
     plan.steps = new_steps;

@@ -7,7 +7,7 @@ use machine::record::estimate::{Estimate, Parameter};
 use machine::record::event::RunEvent;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::{Reading, ReadingFlag};
-use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use methods::{IdentifyError, Method, MethodRefusal, NextStage, ObjectPositionSource};
 use planning::{BlockStart, SafeHeights, position_after_motions, touch_block};
 use toml::{Table, Value};
 use trued::run::{Run, RunError};
@@ -205,7 +205,12 @@ impl Method for FirstStages {
         self.method.settings()
     }
 
-    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: ObjectPositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         if done.len() < self.stage_count {
             self.method.next_stage(plan, done, source)
         } else {
@@ -257,7 +262,7 @@ async fn play_all_touches(
     let mut stands = devices.open_controller.prepare().await.unwrap().position;
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
-        let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings));
+        let next = method.next_stage(&plan, &done, ObjectPositionSource::Measured(&readings));
         let next = next.map_err(|refused| RunFailed(format!("{refused}; {}", refused.remedy)))?;
         let NextStage::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
         plan.steps.extend(new_steps);

@@ -7,7 +7,7 @@ use machine::record::event::RunEvent as Told;
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
-use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use methods::{IdentifyError, Method, MethodRefusal, NextStage, ObjectPositionSource};
 use trued::run::{InterruptedRun, Run, RunError};
 use trued::setup::machine_file::SensorConnection;
 use trued::setup::{self, Devices, EarlierSessions, MachineFile, SimulationPace};
@@ -75,7 +75,7 @@ impl Method for ScanPassesMethod {
         serde_json::json!({})
     }
 
-    fn next_stage(&self, _: &Plan, done: &[Stage], _: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, _: &Plan, done: &[Stage], _: ObjectPositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         if !done.is_empty() {
             return Ok(NextStage::NoFurtherStage);
         }

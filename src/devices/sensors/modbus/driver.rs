@@ -72,7 +72,7 @@ impl ModbusSensorDriver {
         }
     }
 
-    /// Reads the registers, not before the next read is due.
+    /// Waits until the next read is due, then reads the registers.
     async fn read_registers(&mut self) -> Result<DecodedSample, SensorError> {
         if self.simulated_hz.is_none() {
             if Instant::now() < self.next_read_time {

@@ -5,14 +5,14 @@ use super::{ideal_plan, settings_with_few_trials};
 use crate::laser_r_test::identify::identify;
 use crate::laser_r_test::setup::LaserSetup;
 use crate::laser_r_test::{LaserRTest, LaserRTestSettings};
-use crate::{IdentifyError, Method, PositionSource, RegisteredMethod};
+use crate::{IdentifyError, Method, ObjectPositionSource, RegisteredMethod};
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
 fn refusal_reason_and_remedy(plan: &Plan, settings: LaserRTestSettings) -> (String, String) {
-    let refused = LaserRTest::new(settings).next_stage(plan, &[], PositionSource::Nominal).unwrap_err();
+    let refused = LaserRTest::new(settings).next_stage(plan, &[], ObjectPositionSource::Nominal).unwrap_err();
     (refused.reason, refused.remedy)
 }
 

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::laser_r_test::{LaserRTest, LaserRTestSettings};
-use crate::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use crate::{Method, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod};
 use estimation::random::seeded_stream;
 use machine::frame::Pose;
 use machine::record::plan::{Plan, Sampling, Stage, Step};
@@ -254,7 +254,7 @@ pub fn simulate_run(
     let method = LaserRTest::new(settings.clone());
     let (mut done, mut readings, mut t_s) = (Vec::new(), Vec::new(), 0.0);
     while done.len() < stages {
-        let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings))?;
+        let next = method.next_stage(&plan, &done, ObjectPositionSource::Measured(&readings))?;
         let NextStage::Stage { stage, new_steps } = next else { break };
         plan.steps.extend(new_steps);
         for id in &stage.steps {

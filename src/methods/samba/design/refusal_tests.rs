@@ -3,7 +3,7 @@
 use super::tests::rumba_plan;
 use crate::samba::settings::{DesignKind, SambaSettings, SpindleOrientMode};
 use crate::samba::tests::machine;
-use crate::samba::{Method, NextStage, PositionSource, RegisteredMethod, Samba};
+use crate::samba::{Method, NextStage, ObjectPositionSource, RegisteredMethod, Samba};
 use machine::Axis;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::Plan;
@@ -17,7 +17,7 @@ fn plan_with_changed_balls(change: impl FnOnce(&mut Balls)) -> Plan {
 
 #[track_caller]
 fn assert_refused(plan: &Plan, settings: SambaSettings, words: &[&str]) {
-    let answer = Samba::new(settings).next_stage(plan, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(settings).next_stage(plan, &[], ObjectPositionSource::Measured(&[]));
     let Err(refused) = answer else { panic!("not refused") };
     for word in words {
         assert!(refused.reason.contains(word), "`{word}` is not in: {}", refused.reason);
@@ -72,7 +72,7 @@ fn indexations_outside_the_limits_are_refused() {
     let paper = SambaSettings { design: DesignKind::Paper, ..SambaSettings::default() };
     assert_refused(&narrow, paper, &["does not reach B-90"]);
     // The defaults are restricted to the limits of the axis.
-    let answer = Samba::new(SambaSettings::default()).next_stage(&narrow, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(SambaSettings::default()).next_stage(&narrow, &[], ObjectPositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
@@ -84,7 +84,7 @@ fn orienting_the_spindle_without_axis_s_is_refused() {
     assert_refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
     let asked = SambaSettings { parameters: vec!["EA0C".into(), "EX0S".into()], ..SambaSettings::default() };
     assert_refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
-    let answer = Samba::new(SambaSettings::default()).next_stage(&fixed, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(SambaSettings::default()).next_stage(&fixed, &[], ObjectPositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
@@ -94,7 +94,7 @@ fn orienting_the_spindle_without_axis_s_is_refused() {
 fn tilting_head_stays_upright_and_its_errors_are_refused() {
     let mut fork = rumba_plan(&SambaSettings::default());
     fork.machine = machine("wAFXYZBt");
-    let answer = Samba::new(SambaSettings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(SambaSettings::default()).next_stage(&fork, &[], ObjectPositionSource::Measured(&[]));
     let Ok(NextStage::Stage { new_steps, .. }) = answer else { panic!("{answer:?}") };
     assert!(new_steps.iter().all(|step| step.from.get(Axis::B) == Some(0.0)));
     let parameters = vec!["EA0B".into(), "EC0A".into()];
@@ -114,7 +114,7 @@ fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
     let names = "EA0B EC0B EX0C EA0C EB0C EB0Z EA0Y EC0Y EY0S EX0S EYY1 EZZ1";
     let parameters = names.split(' ').map(str::to_owned).collect();
     let relative = SambaSettings { parameters, ..SambaSettings::default() };
-    let answer = Samba::new(relative).next_stage(&no_bar, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(relative).next_stage(&no_bar, &[], ObjectPositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 

@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::built_in::{ALL_DESIGNS, D_OPTIMAL_DESIGN, design_measurements};
 use super::reference_machine::{BcsAnglesRad, ReferenceMachine};
 use super::{BAR_LENGTH_MM, PAPER_TOOL_TIP_MM, machine, paper_ball_centres, paper_errors, true_ball_centres};
-use crate::samba::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues};
+use crate::samba::fit::{GeometryProblem, LengthConstraint, ObservedValues, PlannedBallMeasurement};
 use crate::samba::geometry_model::GeometryModel;
 use crate::samba::geometry_solution::{describe_undetermined, unknown_names};
 use crate::samba::settings::{DesignKind, OptimalityCriterion};
@@ -59,7 +59,7 @@ fn simulate_design_measurement(
             places.push(here);
             places.len() - 1
         });
-        seen.push(BallMeasurement {
+        seen.push(PlannedBallMeasurement {
             rotary_position_index: place,
             ball_index: *ball,
             whitening: Matrix3::identity() / COORDINATE_NOISE_STD_MM,

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::machine;
 use crate::samba::confounding::MeasuringConditions;
-use crate::samba::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues};
+use crate::samba::fit::{GeometryProblem, LengthConstraint, ObservedValues, PlannedBallMeasurement};
 use crate::samba::geometry_model::GeometryModel;
 use crate::samba::parameters::implied_parameters;
 use machine::kinematics::{ErrorShape, ErrorTerm, KinematicChain};
@@ -45,7 +45,7 @@ fn check_implied_errors_are_recovered(topology: &str, unknowns: usize) {
             let linear = chain.solve_linear_axes(target, tip, &place, &terms).unwrap();
             xyz.push(linear.xyz_or_zero());
             let whitening = Matrix3::identity() / 1e-3;
-            seen.push(BallMeasurement { rotary_position_index: places.len(), ball_index: ball, whitening });
+            seen.push(PlannedBallMeasurement { rotary_position_index: places.len(), ball_index: ball, whitening });
         }
         places.push(place);
     }

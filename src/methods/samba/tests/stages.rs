@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::ball_measurement::{MeasurementPurpose, SearchMode, TouchLabel};
 use crate::samba::design::tests::{rumba_balls, rumba_plan};
 use crate::samba::settings::SambaSettings;
-use crate::samba::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod, Samba};
+use crate::samba::{Method, MethodRefusal, NextStage, ObjectPositionSource, RegisteredMethod, Samba};
 use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::artefact::Artefact;
 use machine::record::plan::{Plan, Stage, Step, StepKind};
@@ -84,7 +84,7 @@ fn continue_run(
     let (plan, done, readings) = played;
     let samba = Samba::new(settings.clone());
     while let NextStage::Stage { stage, new_steps } =
-        samba.next_stage(plan, done, PositionSource::Measured(readings))?
+        samba.next_stage(plan, done, ObjectPositionSource::Measured(readings))?
     {
         plan.steps.extend(new_steps);
         for id in &stage.steps {
@@ -143,7 +143,7 @@ fn without_readings_the_plan_has_the_same_stages() {
     let (mut printed, samba) = (rumba_plan(&settings), Samba::new(settings.clone()));
     let mut done = Vec::new();
     while let NextStage::Stage { stage, new_steps } =
-        samba.next_stage(&printed, &done, PositionSource::Nominal).unwrap()
+        samba.next_stage(&printed, &done, ObjectPositionSource::Nominal).unwrap()
     {
         printed.steps.extend(new_steps);
         done.push(stage);
