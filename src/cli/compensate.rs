@@ -13,7 +13,8 @@ use super::result_args::{
 use super::{ExitStatus, show};
 use crate::compensation::{
     CompensationError, CompensationStatus, HashedProposal, MachineCompensation, PositionRow, ProposalSource,
-    ProposalTable, ValueRow, Verification, VerificationRow, VerificationTable, render_correction_sheet,
+    ProposalTable, ValueRow, Verification, VerificationRow, VerificationTable, needs_control_link,
+    render_correction_sheet,
 };
 use crate::report::number::format_fixed;
 use crate::setup::{MachineFile, SetupError};
@@ -59,6 +60,9 @@ fn run_control_action(action: &ControlAction, folder: &Path, journal: &Journal) 
     let file = MachineFile::read(machine).map_err(SetupError::from)?;
     let compensation = MachineCompensation::open(&file, journal, target.as_deref())?;
     let lock = || MachineLock::acquire(folder, &file.machine.name);
+    // `write`, `undo` and `finish` take the lock below.
+    let is_read = matches!(action, ControlAction::Propose(_) | ControlAction::Status(_));
+    let _link_lock = (is_read && needs_control_link(&file, target.as_deref())).then(lock).transpose()?;
     match action {
         ControlAction::Propose(ProposeArgs { source, json }) => {
             let proposal = compensation.propose(source.source())?;

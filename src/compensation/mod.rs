@@ -19,7 +19,7 @@ pub use proposal::{ControlProposal, propose_for_control};
 pub use proposal_table::{PositionRow, ProposalTable, ValueRow};
 pub use sheet::{RenderedSheet, render_correction_sheet};
 pub use target::CompensationTarget;
-pub use targets::open_target;
+pub use targets::{needs_control_link, open_target};
 pub use values_record::{describe_compensation_values, recorded_compensation_file_values};
 pub use verification::Verification;
 pub use verification_table::{VerificationRow, VerificationTable};

@@ -114,6 +114,9 @@ pub struct ControlProposal {
     pub remaining: Vec<RemainingAxisError>,
     /// Warnings of the estimate.
     pub warnings: Vec<String>,
+    /// What the person who approves must know about the values.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Prediction with the present values, and with the proposed values. Axis positions that the run does not determine
     /// count as correct. `None`: the run states no measured ranges, or the values are no positions of rotary axes.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -166,6 +169,7 @@ pub fn propose_for_control(
         stylus_length_mm: plan.machine.tool_mm[2].abs(),
         remaining: remaining_errors(&last.estimate, |own| is_corrected(own, &proposal)),
         warnings: last.estimate.warnings.clone(),
+        notes: target.notes(),
         predicted: predict_before_and_after(&plan.machine, stylus, &last.estimate, &control, &proposal)?,
         proposal,
     })
@@ -196,9 +200,9 @@ pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&St
 
 /// Checks that the control used its present compensation values during the run, if the readings contain their effect.
 fn check_run_used_present_values(stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
-    for config in &file.compensation {
+    for config in file.compensation.iter().filter(|config| config.is_in_readings()) {
         let control = open_target(file, Some(config.kind()))?.read()?;
-        if control.is_in_readings() && !records_same_values(stored, config.kind(), control.values()) {
+        if !records_same_values(stored, config.kind(), control.values()) {
             return Err(ControlProposalError::CompensationValuesMismatch {
                 run: stored.summary.id,
                 kind: config.kind(),

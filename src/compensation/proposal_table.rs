@@ -37,8 +37,8 @@ pub struct ProposalTable {
     pub positions: Vec<PositionRow>,
     pub travels: Vec<PositionRow>,
     pub values: Vec<ValueRow>,
-    /// Sentences on the point where the positions are valid, the predicted error, the warnings, and the errors that are
-    /// not corrected.
+    /// Notes on the values, the point where the positions are valid, the predicted error, the warnings, and the errors
+    /// that are not corrected.
     pub sentences: Vec<String>,
 }
 
@@ -87,7 +87,7 @@ fn travel_row(own: &ProposedTravel) -> PositionRow {
 }
 
 fn sentences(proposal: &ControlProposal) -> Vec<String> {
-    let mut sentences = Vec::new();
+    let mut sentences = proposal.notes.clone();
     if let Some(at_mm) = proposal.proposal.at_mm.filter(|_| !proposal.proposal.positions.is_empty()) {
         let [x, y, z] = at_mm.map(|mm| format_fixed(mm, 1));
         sentences.push(format!(
@@ -100,8 +100,8 @@ fn sentences(proposal: &ControlProposal) -> Vec<String> {
             format!("({} ± {}) µm", format_fixed(error.largest_um, 1), format_fixed(error.expanded_largest_um, 1))
         });
         sentences.push(format!(
-            "largest position error of the tool with tool centre point control, predicted over the measured ranges: \
-             {present} with the present values, {proposed} with the proposed values (U, k = 2)"
+            "largest position error of the tool with tool centre point control, of the control or of CAM, predicted over \
+             the measured ranges: {present} with the present values, {proposed} with the proposed values (U, k = 2)"
         ));
     }
     let undetermined = proposal.proposal.positions.iter().filter(|position| position.measured_mm.is_none());

@@ -5,10 +5,12 @@ use std::fmt;
 use devices::compensation::ValueToWrite;
 use devices::compensation::linuxcnc_joints::JointTableError;
 use devices::compensation::linuxcnc_trunnion::TrunnionError;
+use devices::controllers::{ControllerError, WorkOffsetSlot};
 use machine::Axis;
 use machine::kinematics::KinematicsError;
 use methods::compensation::{ControlModel, ControlValue};
 
+use crate::setup::SetupError;
 use crate::store::CompensationChange;
 
 #[derive(Debug, thiserror::Error)]
@@ -36,6 +38,24 @@ pub enum TargetError {
     OtherDirection { axis: Axis },
     #[error("the compensation file of {axis} covers {from_mm} to {to_mm} mm, not the travel {min_mm} to {max_mm} mm")]
     ShortTable { axis: Axis, from_mm: f64, to_mm: f64, min_mm: f64, max_mm: f64 },
+    #[error("the control of the machine file is simulated")]
+    SimulatedControl,
+    #[error("the control cannot be opened: {0}")]
+    Runtime(std::io::Error),
+    #[error(transparent)]
+    Setup(Box<SetupError>),
+    #[error(transparent)]
+    Controller(#[from] ControllerError),
+    #[error(
+        "no table of {topology} turns about Z and tilts on at most one axis: a work offset is no centre of rotation"
+    )]
+    NoRotaryTable { topology: String },
+    #[error("the control reports no work offset of {axis}")]
+    NoSuchAxis { axis: Axis },
+    #[error("the values of the compensation are not those of {slot}")]
+    OtherValues { slot: WorkOffsetSlot },
+    #[error("after the write, {name} reads {read_mm} mm instead of {written_mm} mm")]
+    ReadBack { name: String, written_mm: f64, read_mm: f64 },
 }
 
 impl TargetError {
@@ -50,12 +70,22 @@ impl TargetError {
             Self::Kinematics(_) => "correct [machine] and [axes] in the machine file",
             Self::OtherTopology { .. } => "correct topology in [machine], or remove this section of [compensation]",
             Self::OtherDirection { .. } => {
-                "correct `direction` and `positive` of the axis in the machine file: LinuxCNC needs axes along X, Y and Z; its \
-                 trt-kins count rotary axes against ISO 841 (`reversed`) unless the pin conventional-directions is 1"
+                "correct `direction` and `positive` of the axis in the machine file: the axes must be along X, Y and Z; the \
+                 trt-kins of LinuxCNC count rotary axes against ISO 841 (`reversed`) unless the pin conventional-directions is 1"
             }
             Self::ShortTable { .. } => {
                 "state the first and the last position of the travel in the compensation file, or correct min and max of the \
                  axis in the machine file; then restart LinuxCNC and measure again"
+            }
+            Self::SimulatedControl => "give the machine file of a machine with --machine",
+            Self::Runtime(_) => "end other programs, then try again",
+            Self::Setup(error) => return error.remedy().unwrap_or_else(|| "correct the machine file".to_owned()),
+            Self::Controller(error) => return error.remedy(),
+            Self::NoRotaryTable { .. } => "correct topology in [machine], or remove [compensation.work-offset]",
+            Self::NoSuchAxis { .. } => "correct [axes] in the machine file",
+            Self::OtherValues { .. } => "set slot of [compensation.work-offset] to the one of the last compensation",
+            Self::ReadBack { .. } => {
+                "check which other program sets the work offset; then restore the values with `trued compensate undo`"
             }
         };
         text.to_owned()
@@ -108,7 +138,12 @@ pub trait CompensationTarget: fmt::Debug {
     }
 
     /// Instructions to the operator after a write or an undo, in their order.
-    fn advice_after_write(&self) -> &'static str;
+    fn advice_after_write(&self) -> String;
+
+    /// Sentences for the person who approves a proposal.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// Lines of a file that set the values at each start of the control. `None`: the control stores the values itself.
     fn startup_lines(&self, _values: &[ControlValue]) -> Option<String> {

@@ -9,13 +9,14 @@ use machine::record::event::RunEvent;
 use methods::compensation::ControlValue;
 
 /// Sentences on the present compensation values of the control, and on their differences from the `stored`
-/// compensations of its machine, newest first. Blocks the thread.
+/// compensations of its machine, newest first. Values that are read over the link of the control are left out: the run
+/// uses this link, and the readings do not contain their effect. Blocks the thread.
 pub fn describe_compensation_values(file: &MachineFile, stored: &[StoredCompensation]) -> Vec<String> {
     let of_target = |config: &CompensationConfig| {
         let last = stored.iter().find(|own| own.target == config.kind());
         describe_values(file, config.kind(), last)
     };
-    file.compensation.iter().flat_map(of_target).collect()
+    file.compensation.iter().filter(|config| !config.needs_control_link()).flat_map(of_target).collect()
 }
 
 fn describe_values(file: &MachineFile, kind: &str, last: Option<&StoredCompensation>) -> Vec<String> {
@@ -61,8 +62,7 @@ fn values_message_prefix(kind: &str) -> String {
 /// Journaled values of the compensation files, whose effect the readings contain. Empty: the machine has no
 /// compensation files. `None`: the journal does not confirm that the control used the same files during the whole run.
 pub fn recorded_compensation_file_values<'a>(file: &MachineFile, stored: &'a StoredRun) -> Option<&'a str> {
-    let in_readings = |own: &&CompensationConfig| matches!(own, CompensationConfig::LinuxcncJointTables(_));
-    let Some(config) = file.compensation.iter().find(in_readings) else { return Some("") };
+    let Some(config) = file.compensation.iter().find(|config| config.is_in_readings()) else { return Some("") };
     let prefix = values_message_prefix(config.kind());
     let mut recorded = stored.events.iter().filter_map(|(_, event)| match event {
         RunEvent::OperatorMessage { text } if text.starts_with(&prefix) => Some(text.as_str()),

@@ -18,6 +18,7 @@ use serde::Serialize;
 
 use super::proposal::{ControlProposalError, check_same_real_machine, last_usable_estimate, stated_stylus_uncertainty};
 use super::target::{CompensationTarget, TargetError, values_before_or_after};
+use super::targets::needs_control_link;
 use super::values_record::records_same_values;
 use crate::setup::MachineFile;
 use crate::store::{CompensationState, Journal, RunId, StoreError, StoredCompensation, StoredRun};
@@ -147,7 +148,7 @@ pub fn verify_by_run(
     let [first, second] = [journal.load_run(last.run)?, journal.load_run(run)?];
     check_same_real_machine(run, &second, file)?;
     let control = target.read()?;
-    check_values(&last, &second, target.kind(), &control)?;
+    check_values(&last, &second, file, &control)?;
     let new_position_count = new_rotary_positions(&first, &second);
     if control.has_positions() && new_position_count < MIN_NEW_POSITIONS {
         return Err(VerificationError::SamePositions { run, first: last.run, count: new_position_count });
@@ -164,11 +165,12 @@ pub fn verify_by_run(
     })
 }
 
-/// Checks that the control holds the values of the compensation, and held them during the run.
+/// Checks that the control holds the values of the compensation, and held them during the run: by its record, or, where a
+/// run does not record them, by the time of its start.
 fn check_values(
     last: &StoredCompensation,
     stored: &StoredRun,
-    kind: &str,
+    file: &MachineFile,
     control: &ControlModel,
 ) -> Result<(), VerificationError> {
     for (name, expected_mm) in values_before_or_after(&last.changes, true) {
@@ -179,7 +181,11 @@ fn check_values(
             return Err(VerificationError::OtherValue { id: last.id, name, present_mm, expected_mm });
         }
     }
-    match records_same_values(stored, kind, control.values()) {
+    let had_values = match needs_control_link(file, Some(&last.target)) {
+        true => last.verified_by.is_some() || stored.summary.started > last.at,
+        false => records_same_values(stored, &last.target, control.values()),
+    };
+    match had_values {
         true => Ok(()),
         false => Err(VerificationError::OtherValuesInRun { id: last.id, run: stored.summary.id }),
     }

@@ -22,7 +22,9 @@ pub use built_in::{BuiltInMachineFile, built_in_machine_file};
 pub use controls::{configure_control, control_hints, control_kinds};
 pub use draft::MachineFileDraft;
 pub use error::SetupError;
-pub use machine_file::{CompensationConfig, ControlConfig, LinuxcncHalConfig, MachineFile, MachineFileError};
+pub use machine_file::{
+    CompensationConfig, ControlConfig, LinuxcncHalConfig, MachineFile, MachineFileError, WorkOffsetConfig,
+};
 pub use reopenable_machine::{ReopenableMachine, open_devices};
 pub use sensors::{EncoderScale, OpenSensor, SensorOpener, open_sensor};
 pub use simulated::SimulatedControlServer;

@@ -14,6 +14,7 @@ mod socketcan;
 #[path = "../support/mod.rs"]
 #[allow(dead_code, reason = "each test binary uses a part of it")]
 mod support;
+mod work_offset_trial;
 
 use support::harness::{Trials, run_trials};
 

@@ -9,4 +9,5 @@ pub mod machine_shop;
 pub mod plan_player;
 pub mod pymodbus;
 pub mod recording_control;
+pub mod stored_run;
 pub mod terminal_operator;

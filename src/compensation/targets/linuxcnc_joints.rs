@@ -82,10 +82,11 @@ impl CompensationTarget for LinuxcncJointTables<'_> {
         Ok(self.tables.check_in_effect(&before)?)
     }
 
-    fn advice_after_write(&self) -> &'static str {
+    fn advice_after_write(&self) -> String {
         "Restart LinuxCNC, home all axes, and move each corrected axis near an end of its travel. Then confirm with `trued \
          compensate finish`; until then no run starts. Then measure again, positions of rotary axes too: only a \
          measurement shows that the values are correct"
+            .to_owned()
     }
 }
 

@@ -51,10 +51,11 @@ impl CompensationTarget for LinuxcncTrunnion<'_> {
         Ok(values.iter().try_for_each(|value| self.trunnion.write(value.name, value.text))?)
     }
 
-    fn advice_after_write(&self) -> &'static str {
+    fn advice_after_write(&self) -> String {
         "Measure again: only a measurement shows that the values are correct. LinuxCNC loses the values when it ends, \
          and reads the values in its HAL files at each start: enter the present values in a HAL file (`trued \
          compensate status --hal FILE` writes the lines)"
+            .to_owned()
     }
 
     fn startup_lines(&self, values: &[ControlValue]) -> Option<String> {

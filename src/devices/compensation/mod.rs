@@ -8,6 +8,7 @@ use crate::controllers::linuxcnc::IniFile;
 mod hal_pins;
 pub mod linuxcnc_joints;
 pub mod linuxcnc_trunnion;
+pub mod program_search;
 
 /// Largest deviation, mm, at which a value counts as equal: half of the last digit of a value below 1000 mm, as
 /// `halcmd` prints seven digits.

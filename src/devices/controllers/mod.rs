@@ -13,10 +13,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::{mpsc, oneshot};
 
 use link::Clock;
-use machine::Position;
 use machine::record::machine::Machine;
 use machine::record::motion::MotionBlockOutcome;
 use machine::record::tool_centre::ToolCentreReading;
+use machine::{Axis, Position};
 use planning::gcode::TransmissionForm;
 use planning::proof::{ProvenBlock, ProvenModeText};
 
@@ -32,12 +32,14 @@ mod port_diagnosis;
 mod port_scan;
 mod readiness;
 mod stall_detector;
+mod work_offset;
 
 pub use device_info::{
     ConnectionDiagnosisRequest, DeviceInfo, DiagnosisMode, PossibleCause, ReadinessFinding, ReportedAxisProperties,
 };
 pub use error::ControllerError;
 pub use readiness::{READINESS_ITEMS, ReadinessItem, describe_unreadable_items};
+pub use work_offset::{WorkOffset, WorkOffsetSlot};
 
 /// Texts about one kind of control, for messages that name all controls.
 pub struct ControlDescription {
@@ -131,6 +133,24 @@ pub trait ControllerDriver: Send + 'static {
     }
     /// Restores what `prepare` has changed: the modal state, and the probe if `prepare` switched it on.
     fn restore_modes(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
+    /// Reads a work offset of a machine at rest, prepared or not. Refuses an active G92 and a rotation. Nothing moves.
+    /// Afterwards the control must be prepared before the next block.
+    fn read_work_offset(
+        &mut self,
+        _slot: WorkOffsetSlot,
+    ) -> impl Future<Output = Result<WorkOffset, ControllerError>> + Send {
+        async { Err(work_offset::unsupported_error()) }
+    }
+    /// Sets the zero of a work offset on these axes, machine coordinates, mm, by `G10 L2`, at a machine at rest. It needs
+    /// no proof: `G10 L2` moves no axis, and no proven block depends on the slot, which is not that of the dialect.
+    /// Afterwards the control must be prepared before the next block.
+    fn write_work_offset(
+        &mut self,
+        _slot: WorkOffsetSlot,
+        _zero_mm: &[(Axis, f64)],
+    ) -> impl Future<Output = Result<(), ControllerError>> + Send {
+        async { Err(work_offset::unsupported_error()) }
+    }
 }
 
 /// Refuses a block after a halt, and after a fault without a new preparation.
@@ -177,6 +197,8 @@ enum DriverRequest {
     ReadToolCentre(oneshot::Sender<Result<Option<ToolCentreReading>, ControllerError>>),
     IdentifyDevice(oneshot::Sender<Result<DeviceInfo, ControllerError>>),
     RestoreModes(oneshot::Sender<Result<(), ControllerError>>),
+    ReadWorkOffset(WorkOffsetSlot, oneshot::Sender<Result<WorkOffset, ControllerError>>),
+    WriteWorkOffset(WorkOffsetSlot, Vec<(Axis, f64)>, oneshot::Sender<Result<(), ControllerError>>),
 }
 
 /// Handle that the run holds: sends messages to the driver's task.
@@ -234,6 +256,19 @@ impl Controller {
         self.send_request(DriverRequest::RestoreModes).await
     }
 
+    pub async fn read_work_offset(&self, slot: WorkOffsetSlot) -> Result<WorkOffset, ControllerError> {
+        self.send_request(|answer| DriverRequest::ReadWorkOffset(slot, answer)).await
+    }
+
+    /// See [`ControllerDriver::write_work_offset`].
+    pub async fn write_work_offset(
+        &self,
+        slot: WorkOffsetSlot,
+        zero_mm: Vec<(Axis, f64)>,
+    ) -> Result<(), ControllerError> {
+        self.send_request(|answer| DriverRequest::WriteWorkOffset(slot, zero_mm, answer)).await
+    }
+
     async fn send_request<T>(
         &self,
         request: impl FnOnce(oneshot::Sender<Result<T, ControllerError>>) -> DriverRequest,
@@ -264,6 +299,10 @@ async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver
             DriverRequest::ReadToolCentre(answer) => drop(answer.send(driver.read_tool_centre().await)),
             DriverRequest::IdentifyDevice(answer) => drop(answer.send(driver.identify_device().await)),
             DriverRequest::RestoreModes(answer) => drop(answer.send(driver.restore_modes().await)),
+            DriverRequest::ReadWorkOffset(slot, answer) => drop(answer.send(driver.read_work_offset(slot).await)),
+            DriverRequest::WriteWorkOffset(slot, zero_mm, answer) => {
+                drop(answer.send(driver.write_work_offset(slot, &zero_mm).await));
+            }
         }
     }
 }

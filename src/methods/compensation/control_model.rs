@@ -13,6 +13,15 @@ const MAX_WRITTEN_STEPS_PER_MM: f64 = 1e4;
 /// Number of significant digits with which `halcmd` prints a value.
 const PIN_SIGNIFICANT_DIGITS: i32 = 7;
 
+/// How a control states its values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum ValueResolution {
+    /// Digits of the whole number.
+    Digits(i32),
+    /// Decimals of mm.
+    Decimals(i32),
+}
+
 /// One value of a control.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ControlValue {
@@ -42,6 +51,7 @@ pub struct ControlModel {
     pub(super) positions: Vec<ControlledPosition>,
     /// Corrections of linear axes. The readings contain their effect.
     pub(super) travels: Vec<ControlledTravel>,
+    resolution: ValueResolution,
 }
 
 /// Values of the pins of LinuxCNC's `xyzac-trt-kins` or `xyzbc-trt-kins`, mm.
@@ -66,12 +76,13 @@ impl ControlModel {
         };
         let value =
             |pin: &str, mm: f64| ControlValue { name: format!("{module}.{pin}"), present_mm: mm, text: mm.to_string() };
-        let position =
-            |axis: Axis, component: Axis, adjusted_value: usize, added_value: Option<usize>| ControlledPosition {
+        let position = |axis: Axis, component: Axis, adjusted_value_index: usize, added_value_index: Option<usize>| {
+            ControlledPosition {
                 coordinate: RotaryAxisCoordinate { axis, component },
-                adjusted_value_index: adjusted_value,
-                added_value_index: added_value,
-            };
+                adjusted_value_index,
+                added_value_index,
+            }
+        };
         let c_across = if across == Axis::X { 0 } else { 1 };
         Self {
             values: vec![
@@ -88,12 +99,31 @@ impl ControlModel {
                 position(tilt, Axis::Z, 4, Some(2)),
             ],
             travels: Vec::new(),
+            resolution: ValueResolution::Digits(PIN_SIGNIFICANT_DIGITS),
+        }
+    }
+
+    /// A work offset whose zero is the centre of rotation: each value is one coordinate of a rotary axis. Its coordinate
+    /// is the position of the spindle without a tool, because the control adds the length of the tool. `decimals`: those of
+    /// mm in which the control states the values.
+    pub fn work_offset(values: Vec<(RotaryAxisCoordinate, ControlValue)>, decimals: i32) -> Self {
+        let (coordinates, values): (Vec<_>, Vec<_>) = values.into_iter().unzip();
+        let position = |(adjusted_value_index, coordinate)| ControlledPosition {
+            coordinate,
+            adjusted_value_index,
+            added_value_index: None,
+        };
+        Self {
+            positions: coordinates.into_iter().enumerate().map(position).collect(),
+            values,
+            travels: Vec::new(),
+            resolution: ValueResolution::Decimals(decimals),
         }
     }
 
     /// Tables that correct the travel of linear axes. The entries refer to `values` by index.
     pub fn of_travels(values: Vec<ControlValue>, travels: Vec<ControlledTravel>) -> Self {
-        Self { values, positions: Vec::new(), travels }
+        Self { values, positions: Vec::new(), travels, resolution: ValueResolution::Digits(PIN_SIGNIFICANT_DIGITS) }
     }
 
     /// Whether the readings contain the effect of the values.
@@ -129,7 +159,8 @@ impl ControlModel {
         for (position, mm) in self.positions.iter().zip(positions_mm) {
             let exact = mm - position.added_value_index.map_or(0.0, |index| values_mm[index]);
             let present_mm = present_mm[position.adjusted_value_index];
-            values_mm[position.adjusted_value_index] = nearest_step(exact, present_mm, pin_steps_per_mm(exact));
+            values_mm[position.adjusted_value_index] =
+                nearest_step(exact, present_mm, self.resolution.steps_per_mm(exact));
         }
         for (travel, mm) in self.travels.iter().zip(corrections_mm) {
             let change_mm = mm - travel.correction_mm(&present_mm);
@@ -207,8 +238,13 @@ fn nearest_step(exact_mm: f64, present_mm: f64, steps_per_mm: f64) -> f64 {
     if is_unchanged { present_mm } else { (exact_mm * steps_per_mm).round() / steps_per_mm }
 }
 
-/// Steps per mm in which a pin can be set and read back.
-fn pin_steps_per_mm(value_mm: f64) -> f64 {
-    let digits_before_point = value_mm.abs().max(1.0).log10().floor() as i32 + 1;
-    10_f64.powi(PIN_SIGNIFICANT_DIGITS - digits_before_point).min(MAX_WRITTEN_STEPS_PER_MM)
+impl ValueResolution {
+    /// Steps per mm in which the value can be set and read back.
+    fn steps_per_mm(self, value_mm: f64) -> f64 {
+        let decimals = match self {
+            Self::Digits(digits) => digits - (value_mm.abs().max(1.0).log10().floor() as i32 + 1),
+            Self::Decimals(decimals) => decimals,
+        };
+        10_f64.powi(decimals).min(MAX_WRITTEN_STEPS_PER_MM)
+    }
 }

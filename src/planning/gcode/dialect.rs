@@ -69,6 +69,11 @@ impl Dialect {
         &self.dialect_file.name
     }
 
+    /// Work offset slot that the programs use, e.g. `G59`.
+    pub fn work_offset(&self) -> &str {
+        &self.dialect_file.work_offset
+    }
+
     /// File extension of programs, without the dot.
     pub fn program_file_extension(&self) -> &str {
         &self.dialect_file.extension

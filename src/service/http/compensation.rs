@@ -1,7 +1,5 @@
 //! Compensation: values for the control of a machine, proposed from a run; a metrologist approves them.
 
-use std::time::Duration;
-
 use axum::Json;
 use axum::extract::{Extension, Path, Query, State};
 use axum::http::StatusCode;
@@ -18,7 +16,7 @@ use super::openapi::schemas::DocumentedObject;
 use super::page::{errors_as_pages, machine_page_path};
 use super::problem::Problem;
 use super::run_files::{CSV_CONTENT_TYPE, attachment};
-use super::{AppState, ServedMachine};
+use super::{AppState, MAX_RESPONSE_TIME, ServedMachine};
 use crate::compensation::{
     CompensationError, CompensationStatus, HashedProposal, MachineCompensation, ProposalSource, Verification,
     render_correction_sheet,
@@ -27,9 +25,6 @@ use crate::service::machine_state::Refusal;
 use crate::service::worker_command::CompensationResultReceiver;
 use crate::store::RunId;
 use methods::compensation::ProposalOptions;
-
-/// Maximum time to wait for the worker's result; shorter than the time limit of a request.
-const COMPENSATION_RESULT_TIMEOUT: Duration = Duration::from_secs(7);
 
 pub fn compensation_routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
@@ -238,7 +233,7 @@ async fn audit_and_respond(
 ) -> Result<Response, Problem> {
     let page = machine_page_path(&machine.name);
     let work = tokio::spawn(await_and_audit(app, machine, who, what, accepted));
-    let id = match tokio::time::timeout(COMPENSATION_RESULT_TIMEOUT, work).await {
+    let id = match tokio::time::timeout(MAX_RESPONSE_TIME, work).await {
         Ok(ended) => Some(ended.unwrap_or_else(|_| Err(Refusal::NotReady.into()))?),
         Err(_) => None,
     };

@@ -36,6 +36,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use jiff::Timestamp;
 use tokio::sync::Semaphore;
+use tokio::time::timeout;
 
 use self::access::AccessControl;
 pub use self::access::{Role, Token, TokenError, TokenStore};
@@ -44,12 +45,13 @@ pub use self::page_address_file::PageAddressFile;
 use self::problem::Problem;
 use super::command_gate::CommandGate;
 use super::config::{CycleConfig, HttpConfig, StartInterlock};
+use super::machine_state::Refusal;
 use super::metrics::Metrics;
 use super::{Log, ServeError, spawn_thread};
-use crate::compensation::{CompensationError, MachineCompensation};
+use crate::compensation::{CompensationError, MachineCompensation, needs_control_link};
 use crate::run::{HTTP_NICE, lower_priority};
 use crate::setup::MachineFile;
-use crate::store::{Journal, sha256_text};
+use crate::store::{Journal, MachineLock, sha256_text};
 
 /// A machine that the web page shows.
 #[derive(Clone)]
@@ -93,13 +95,20 @@ impl AppState {
         read_with_permit(&self.journal_reader_permits, move || read(&journal)).await
     }
 
-    /// Reads values of the control of `machine`, which may be slow, and the journal.
+    /// Reads values of the control of `machine`, which may be slow, and the journal. Only the worker opens the link of the
+    /// control: values that need it are read while the machine waits for a start.
     async fn read_control<T: Send + 'static>(
         &self,
         machine: &ServedMachine,
         target: Option<String>,
         read: impl FnOnce(&MachineCompensation<'_>) -> Result<T, CompensationError> + Send + 'static,
     ) -> Result<T, Problem> {
+        if needs_control_link(&machine.machine_file, target.as_deref()) {
+            let read = move |compensation: &MachineCompensation<'_>, _: &MachineLock| read(compensation);
+            let accepted = machine.gate.compensate("reading of values of the control", target, read)?;
+            let result = timeout(MAX_RESPONSE_TIME, accepted).await.map_err(|_| Refusal::NotReady)?;
+            return Ok(result.map_err(|_| Refusal::NotReady)??);
+        }
         let (journal, file) = (Arc::clone(&self.journal), Arc::clone(&machine.machine_file));
         let read = move || read(&MachineCompensation::open(&file, &journal, target.as_deref())?);
         Ok(read_with_permit(&self.control_reader_permits, read).await??)
@@ -184,6 +193,8 @@ pub fn start_http_server(
     Ok(())
 }
 
+/// Maximum time for the work of the worker in a response: less than the time limit of a request.
+const MAX_RESPONSE_TIME: Duration = Duration::from_secs(7);
 /// Maximum number of concurrent readers of the journal; further readers wait, so that runs keep their computing time.
 const MAX_JOURNAL_READERS: usize = 2;
 /// Maximum number of concurrent reads of control values; such a read may wait for another computer.

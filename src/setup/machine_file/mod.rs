@@ -43,7 +43,7 @@ mod tolerance;
 use super::built_in::{BuiltInMachineFile, built_in_machine_file};
 use super::simulated::{SimulatedControlConfig, SimulatedFaults};
 use artefact::ArtefactSource;
-pub use compensation::{CompensationConfig, LinuxcncHalConfig};
+pub use compensation::{CompensationConfig, LinuxcncHalConfig, WorkOffsetConfig};
 pub use controller::{ControlConfig, ControllerTable};
 pub use document::TomlDocument;
 pub use encoder::AxisEncoder;
@@ -143,7 +143,7 @@ impl MachineFile {
         let prompts = prompt::read_prompts(&document, &machine)?;
         let controller = controller::read_controller(&document)?;
         let tolerance = tolerance::read_tolerances(&document)?;
-        let compensation = compensation::read_compensation(&document)?;
+        let compensation = compensation::read_compensation(&document, controller.control.dialect())?;
         let report_data = report_data::read_report_data(&document)?;
         Ok(Self {
             machine,

@@ -369,3 +369,26 @@ fn prompts_apply_to_their_methods_and_invalid_prompts_are_refused() {
     let refused = with("[[prompt]]\ntext = \"a\"\nmethod = []\n").unwrap_err().to_string();
     assert!(refused.contains("did you mean `methods`?"), "{refused}");
 }
+
+#[test]
+fn work_offset_that_the_dialect_uses_is_refused() {
+    let grbl = include_str!("../../../config/grblhal-sim.toml");
+    let linuxcnc = include_str!("../../../config/linuxcnc-sim.toml");
+    let parse = |text: &str, slot: &str| {
+        let section = format!("[compensation.work-offset]\nslot = \"{slot}\"\n\n[probe]");
+        MachineFile::parse("shop.toml", text.replace("[probe]", &section))
+    };
+    for (text, slot) in [(grbl, "G54"), (grbl, "G58"), (linuxcnc, "G59"), (linuxcnc, "G59.2")] {
+        let file = parse(text, slot).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(file.compensation[0].kind(), "work-offset");
+    }
+    for (text, slot, expected) in [
+        (grbl, "G59", "must be one of G54, G55, G56, G57, G58: programs of trued use G59"),
+        (grbl, "G59.1", "programs of trued use G59"),
+        (linuxcnc, "G59.3", "programs of trued use G59.3"),
+        (linuxcnc, "G53", "`G53` is no work offset; known are G54, G55"),
+    ] {
+        let error = parse(text, slot).expect_err("accepted").to_string();
+        assert!(error.contains(expected) && error.contains("slot"), "{error}");
+    }
+}

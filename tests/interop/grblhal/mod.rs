@@ -9,6 +9,7 @@ mod faults;
 mod readiness;
 mod recording_proxy;
 mod rig;
+mod work_offset;
 
 use crate::support::harness::{Pool, Trials, trials};
 
@@ -20,6 +21,7 @@ pub fn trials() -> Trials {
     trials![Pool::GrblHal, 60;
         readiness::a_control_that_is_not_ready_is_sent_no_motion,
         cycle::short_cycle_finds_the_true_axis,
+        work_offset::rotary_centre_is_written_and_restored,
     ]
     .with_trials(
         trials![Pool::GrblHal, 0;

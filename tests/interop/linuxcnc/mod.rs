@@ -20,6 +20,7 @@ pub mod run_workspace;
 mod samba;
 mod scan_in_motion;
 mod tool_centre;
+mod work_offset;
 
 use libtest_mimic::Failed;
 
@@ -55,6 +56,7 @@ pub fn trials() -> Trials {
         trials![Pool::LinuxCnc, 0;
             resume::run_resumes_after_a_released_emergency_stop,
             tool_centre::tool_centre_is_read_from_the_kinematics,
+            work_offset::rotary_centre_is_written_and_restored,
         ]
         .requires_peer(missing_rig)
         .repeat_if(is_queue_not_empty_failure),

@@ -1,6 +1,6 @@
 //! Runs the program with a machine file for the rig and an empty journal.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
 use libtest_mimic::Failed;
@@ -36,6 +36,12 @@ impl RunWorkspace {
     /// `config/linuxcnc-sim.toml` unchanged.
     pub fn for_rig(rig: &LinuxCncRig) -> Result<Self, Failed> {
         Self::with_text_changes(rig, &[])
+    }
+
+    /// With a work offset whose zero is the centre of rotation.
+    pub fn with_work_offset(rig: &LinuxCncRig, slot: &str) -> Result<Self, Failed> {
+        let section = format!("{MACHINE_FILE}\n[compensation.work-offset]\nslot = \"{slot}\"\n");
+        Self::from_machine_text(rig, &section, &[])
     }
 
     /// A short cycle with quick touches, for trials that do not depend on the result.
@@ -200,6 +206,18 @@ impl RunWorkspace {
             return Err(failure_text(&output).into());
         }
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// The folder of the journal.
+    pub fn state_folder(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// `trued compensate` with these arguments, for the machine of this workspace.
+    pub fn compensate(&self, arguments: &[&str]) -> Result<Output, Failed> {
+        let machine = self.machine_file_path().display().to_string();
+        let arguments = [&["compensate"], arguments, &["--machine", &machine]].concat();
+        Ok(self.trued_command_with_journal(&arguments).output()?)
     }
 
     /// Checks the state of the last run in the journal.

@@ -279,6 +279,7 @@ pub fn trials() -> Trials {
         page::daemon_killed_during_a_write_shows_and_finishes_it,
         page::metrologist_stores_a_verification,
         page::page_without_tokens_writes_nothing,
+        page::values_over_the_link_are_read_by_the_worker,
         approved_values_are_written_and_restored,
         write_that_is_not_safe_is_refused,
         value_changed_during_the_write_is_kept,

@@ -160,3 +160,24 @@ pub fn page_without_tokens_writes_nothing() {
     assert_eq!((status, &problem["code"]), (403, &json!("no-token")));
     assert!(shop.is_as_before());
 }
+
+/// Only the worker opens the link of the control; here nothing listens at its address.
+pub fn values_over_the_link_are_read_by_the_worker() {
+    let shop = CompensationShop::new();
+    shop.append_to_machine_file("\n[compensation.work-offset]\nslot = \"G55\"\n");
+    shop.append_to_machine_file(&serve_section(true));
+    let serve = CompensationDaemon::start(&shop, "monday");
+    let [by_link, by_pins] = ["work-offset", "linuxcnc-trunnion"].map(|kind| format!("{RUN_PATH}?target={kind}"));
+    assert!(serve.get("/runs/1", &serve.viewer).1.contains("href=\"/runs/1/compensation?target=work-offset\""));
+    for _ in 0..2 {
+        let (status, problem) = serve.get(&by_link, &serve.viewer);
+        assert!(status == 409 && problem.contains("no linuxcncrsh listens"), "{status} {problem}");
+        let (status, problem) = serve.get(&format!("{MACHINE_PATH}?target=work-offset"), &serve.viewer);
+        assert!(status == 409 && problem.contains("no linuxcncrsh listens"), "{status} {problem}");
+    }
+    assert_eq!(serve.get(&by_pins, &serve.viewer).0, 200);
+    for action in [&["propose", "1"][..], &["status"]] {
+        shop.assert_refused(&shop.compensate(&[action, &["--target", "work-offset"]].concat()), "is in use");
+        assert!(shop.compensate(&[action, &["--target", "linuxcnc-trunnion"]].concat()).status.success());
+    }
+}

@@ -9,7 +9,8 @@ use crate::controllers::arrival::{self, AxisMonitor};
 use crate::controllers::control_clock::ControlTimestamp;
 use crate::controllers::motion_lines::{self, MotionLines};
 use crate::controllers::{
-    ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, require_prepared,
+    ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, WorkOffset,
+    WorkOffsetSlot, require_prepared,
 };
 use link::LineLink;
 use machine::record::machine::{Homing, Machine};
@@ -248,5 +249,17 @@ impl ControllerDriver for GrblDriver {
             self.connection.send_line(&initial_modes.join(" ")).await?;
         }
         self.connection.wait_idle().await.map(|_| ())
+    }
+
+    async fn read_work_offset(&mut self, slot: WorkOffsetSlot) -> Result<WorkOffset, ControllerError> {
+        self.read_offset_slot(slot).await
+    }
+
+    async fn write_work_offset(
+        &mut self,
+        slot: WorkOffsetSlot,
+        zero_mm: &[(Axis, f64)],
+    ) -> Result<(), ControllerError> {
+        self.set_offset_slot(slot, zero_mm).await
     }
 }

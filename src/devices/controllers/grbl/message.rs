@@ -21,7 +21,8 @@ pub(super) enum GrblMessage {
     MaxLineBytes(usize),
     /// `[AXS:n:letters]`: the axis letters.
     AxisLetters(String),
-    /// `[G59:..]`, `[G92:..]`, `[TLO:..]`: name of an offset in `$#` and its values.
+    /// `[G59:..]`, `[G92:..]`, `[TLO:..]`: name of an offset in `$#`, its values, and its rotation (grblHAL with
+    /// ROTATION_ENABLE, `report.c`).
     Offset {
         name: String,
         values: Vec<f64>,
@@ -129,7 +130,8 @@ fn parse_probe_result(value: &str) -> Option<GrblMessage> {
 }
 
 fn parse_offset(name: &str, value: &str) -> Option<GrblMessage> {
-    parse_finite_numbers(value).map(|values| GrblMessage::Offset { name: name.to_owned(), values })
+    let values = parse_finite_numbers(&value.replace(':', ","))?;
+    Some(GrblMessage::Offset { name: name.to_owned(), values })
 }
 
 fn parse_finite_numbers(list: &str) -> Option<Vec<f64>> {

@@ -27,6 +27,7 @@ mod settings;
 mod tests;
 mod timeouts;
 mod touch;
+mod work_offset;
 
 pub use config::GrblConfig;
 pub use driver::GrblDriver;

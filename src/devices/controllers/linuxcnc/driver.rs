@@ -16,7 +16,7 @@ use super::tool_centre::ToolCentreSettings;
 use super::{SamplerClient, kinematics, path_check, program_runner, state};
 use crate::controllers::{
     ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, ReadinessItem,
-    arrival, require_prepared,
+    WorkOffset, WorkOffsetSlot, arrival, require_prepared,
 };
 use link::LinkAddress;
 use machine::record::axis_track::AxisTrack;
@@ -31,7 +31,7 @@ pub(super) const MAX_LINK_WRITE_TIME: Duration = Duration::from_millis(20);
 /// Step number in errors of a program that belongs to no block.
 const STEP_NUMBER_WITHOUT_BLOCK: u32 = 0;
 /// Watched properties of a program that moves nothing.
-const PROGRAM_WITHOUT_MOTION: WatchedProgram<'_> = WatchedProgram {
+pub(super) const PROGRAM_WITHOUT_MOTION: WatchedProgram<'_> = WatchedProgram {
     step: STEP_NUMBER_WITHOUT_BLOCK,
     planned_standstill_time: Duration::ZERO,
     feed_turn_end_position: None,
@@ -57,11 +57,11 @@ pub struct LinuxCncDriver {
     pub(super) rsh: RshClient,
     /// Connection that carries only halts; kept open for them.
     halt_connection: RshClient,
-    halt: HaltHandle,
+    pub(super) halt: HaltHandle,
     pub(super) files: SharedFiles,
     /// Task mode before the preparation, which `restore_modes` restores; a program restores all other modal state.
     initial_mode: Option<String>,
-    is_prepared: bool,
+    pub(super) is_prepared: bool,
     /// Orientation of the spindle, rad, once it was commanded.
     pub(super) spindle_rad: Option<f64>,
     sampler: Option<SamplerClient>,
@@ -113,8 +113,8 @@ impl LinuxCncDriver {
         Self { tool_centre, ..self }
     }
 
-    /// Checks emergency stop, power, homing, program state and feed override; changes only how linuxcncrsh answers.
-    async fn check_machine_ready(&mut self, ini: Option<&IniFile>) -> Result<(), ControllerError> {
+    /// Checks emergency stop, power, homing and program state; changes only how linuxcncrsh answers.
+    pub(super) async fn check_machine_ready(&mut self, ini: Option<&IniFile>) -> Result<(), ControllerError> {
         // Both settings apply to all connections. With a timeout linuxcncrsh would acknowledge commands
         // that the task has not accepted.
         self.rsh.set("set_wait received").await?;
@@ -132,7 +132,7 @@ impl LinuxCncDriver {
                 "wait until the program ends, or stop it, then start again",
             ));
         }
-        state::check_feed_override(&mut self.rsh).await
+        Ok(())
     }
 
     async fn prepare_control(&mut self) -> Result<PreparedControl, ControllerError> {
@@ -140,6 +140,7 @@ impl LinuxCncDriver {
         let ini = self.settings.ini_path.as_deref().map(IniFile::read).transpose()?;
         self.rsh.acquire_command_right().await?;
         self.check_machine_ready(ini.as_ref()).await?;
+        state::check_feed_override(&mut self.rsh).await?;
         let mode = self.rsh.get("mode").await?;
         self.initial_mode.get_or_insert(mode);
         self.rsh.read_messages().await?;
@@ -265,14 +266,14 @@ impl LinuxCncDriver {
     }
 
     /// Returns why a program stopped before its end.
-    async fn stop_reason(&mut self, step: u32, log: ResultLog) -> ControllerError {
+    pub(super) async fn stop_reason(&mut self, step: u32, log: ResultLog) -> ControllerError {
         if self.halt.is_halt_requested() {
             return ControllerError::Halted;
         }
         fault::stop_reason(&mut self.rsh, step, log.result.as_ref(), &self.settings.axes).await
     }
 
-    fn refuse_if_halted(&self) -> Result<(), ControllerError> {
+    pub(super) fn refuse_if_halted(&self) -> Result<(), ControllerError> {
         if self.halt.is_halt_requested() { Err(ControllerError::Halted) } else { Ok(()) }
     }
 
@@ -358,6 +359,18 @@ impl ControllerDriver for LinuxCncDriver {
             Some(mode) => self.rsh.send_task_command(&format!("mode {mode}")).await,
             None => Ok(()),
         }
+    }
+
+    async fn read_work_offset(&mut self, slot: WorkOffsetSlot) -> Result<WorkOffset, ControllerError> {
+        self.read_offset_slot(slot).await
+    }
+
+    async fn write_work_offset(
+        &mut self,
+        slot: WorkOffsetSlot,
+        zero_mm: &[(Axis, f64)],
+    ) -> Result<(), ControllerError> {
+        self.set_offset_slot(slot, zero_mm).await
     }
 }
 

@@ -57,6 +57,7 @@ mod tool_centre;
 mod tool_centre_reading;
 #[cfg(test)]
 mod tool_centre_tests;
+mod work_offset;
 
 pub use config::LinuxCncConfig;
 pub use driver::{LinuxCncDriver, LinuxCncSettings};

@@ -211,7 +211,7 @@ pub(super) async fn abort_until_at_rest(rsh: &mut RshClient) -> Result<(), Contr
 }
 
 /// Whether three reports in a row show no motion: a report may be older than the one before.
-async fn is_at_rest(rsh: &mut RshClient) -> Result<bool, ControllerError> {
+pub(super) async fn is_at_rest(rsh: &mut RshClient) -> Result<bool, ControllerError> {
     let mm = state::read_length_unit_mm(rsh).await?;
     let mut before = state::read_numbers(rsh, "abs_act_pos").await?;
     for _ in 0..2 {

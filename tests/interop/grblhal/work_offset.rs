@@ -1,0 +1,99 @@
+//! `trued compensate` sets a work offset of grblHAL. The firmware itself reports what it holds, over another connection.
+
+use libtest_mimic::Failed;
+
+use serde_json::{Value, json};
+
+use super::rig::GrblHalRig;
+use crate::linuxcnc::run_workspace::RunWorkspace;
+use crate::support::daemon_process::DaemonProcess;
+use crate::support::http::{HttpClient, JSON_HEADER};
+use crate::work_offset_trial::{WorkOffsetTrial, refusal};
+
+const SLOT_SECTION: &str = "\n[compensation.work-offset]\nslot = \"G55\"\n";
+const SERVE_SECTION: &str = "\n[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
+    [serve.http]\nlisten = \"127.0.0.1:0\"\ntokens = true\n";
+const RUN_PATH: &str = "/api/v1/runs/1/compensation";
+const MACHINE_PATH: &str = "/api/v1/machines/grblhal-sim5/compensation";
+/// Zero of G55 before, mm and degrees. C is at (-149.95, -100.03).
+const BEFORE: &str = "[G55:-149.900,-100.010,-3.000,1.000,2.000]";
+const CORRECTED: &str = "[G55:-149.950,-100.030,-3.000,1.000,2.000]";
+
+/// The line of `$#` for G55.
+fn reported_offset(rig: &GrblHalRig) -> Result<String, Failed> {
+    let answer = rig.query("$#")?;
+    Ok(answer.lines().find(|line| line.starts_with("[G55:")).ok_or("no G55")?.to_owned())
+}
+
+fn check_offset(rig: &GrblHalRig, expected: &str) -> Result<(), Failed> {
+    let offset = reported_offset(rig)?;
+    if offset == expected { Ok(()) } else { Err(format!("{offset} instead of {expected}").into()) }
+}
+
+/// The worker of the service has the link: it proposes the same, writes and restores.
+fn check_page(rig: &GrblHalRig, workspace: &RunWorkspace, hash: &str) -> Result<(), Failed> {
+    let token = workspace.run_stdout(&["token", "add", "Ada", "--role", "metrologist"])?;
+    let machine = workspace.machine_file_path().display().to_string();
+    let daemon = DaemonProcess::start(&mut workspace.trued_command_with_journal(&["serve", "--machine", &machine]));
+    let headers = format!("{JSON_HEADER}Authorization: Bearer {}\r\n", token.trim());
+    let request = |method: &str, path: &str, body: &Value, expected: u16| -> Result<String, Failed> {
+        let body = if method == "GET" { String::new() } else { body.to_string() };
+        let (status, text) = HttpClient::new(daemon.http_port()).request(method, path, &headers, &body);
+        if status == expected { Ok(text) } else { Err(format!("{path}: {status} {text}").into()) }
+    };
+    let proposal: Value = serde_json::from_str(&request("GET", RUN_PATH, &Value::Null, 200)?)?;
+    if proposal["sha256"] != hash {
+        return Err(format!("the page proposes {proposal}").into());
+    }
+    let page = request("GET", "/runs/1/compensation", &Value::Null, 200)?;
+    let is_shown = page.contains("G55 X") && page.contains("programs with G55 are not searched");
+    request("POST", RUN_PATH, &json!({"who": "Ada", "approve": hash}), 201)?;
+    check_offset(rig, CORRECTED)?;
+    let status = request("GET", MACHINE_PATH, &Value::Null, 200)?;
+    request("POST", &format!("{MACHINE_PATH}/undo"), &json!({"who": "Ada"}), 201)?;
+    check_offset(rig, BEFORE)?;
+    if is_shown && status.contains("-149.95") { Ok(()) } else { Err(format!("{page}\n{status}").into()) }
+}
+
+pub fn rotary_centre_is_written_and_restored() -> Result<(), Failed> {
+    let rig = GrblHalRig::start_homed(&[])?;
+    rig.query("G10 L2 P2 X-149.9 Y-100.01 Z-3 B1 C2")?;
+    check_offset(&rig, BEFORE)?;
+    let workspace = rig.create_run_workspace(&[("[probe]", &format!("{SLOT_SECTION}{SERVE_SECTION}\n[probe]"))])?;
+    let trial = WorkOffsetTrial::new(&workspace, [-150.0, -100.0, -360.0])?;
+    rig.proxy.clear_record();
+    for (line, undo, expected) in
+        [("G92 X1", "G92.1", "G92 is active"), ("$13=1", "$13=0", "in inches"), ("$C", "$C", "Check")]
+    {
+        rig.query(line)?;
+        refusal(&trial.propose()?, expected)?;
+        // grblHAL resets itself after the check mode.
+        let _ = rig.query(undo);
+    }
+    // Programs in inches and incremental motion: neither counts for the write, and both remain.
+    rig.query("G20 G91 G54")?;
+    let (hash, text) = trial.proposal()?;
+    if !text.contains("programs with G55 are not searched") || !text.contains("Z of B") {
+        return Err(text.into());
+    }
+    refusal(&trial.write(&hash.replace(['0', '1'], "2"))?, "is not the present one")?;
+    check_offset(&rig, BEFORE)?;
+    let written = trial.write_stdout(&hash)?;
+    check_offset(&rig, CORRECTED)?;
+    if written.contains("have changed at once") {
+        return Err(format!("G54 is selected: {written}").into());
+    }
+    rig.query("G55")?;
+    let undone = trial.undo_stdout()?;
+    if !undone.contains("uses G55 now: the coordinates that it displays have changed at once") {
+        return Err(undone.into());
+    }
+    check_offset(&rig, BEFORE)?;
+    check_page(&rig, &workspace, &hash)?;
+    let modes = rig.query("$G")?;
+    if !["G20", "G91", "G55"].iter().all(|word| modes.contains(word)) {
+        return Err(modes.into());
+    }
+    let motions = rig.proxy.sent_motions();
+    if motions.is_empty() { Ok(()) } else { Err(format!("{motions:?}").into()) }
+}
