@@ -108,8 +108,8 @@ fn print_verification(verification: &Verification) {
     let VerificationTable { rows, sentences, .. } = VerificationTable::new(verification);
     let width = rows.iter().map(|row| row.name.len()).fold("remaining error".len(), usize::max);
     outln!("{:<width$} {:>10} {:>10} {:>20}  unit", "remaining error", "predicted", "measured", "limit of difference");
-    for VerificationRow { name, predicted, measured, limit, is_within_limit } in rows {
-        let outside = if is_within_limit { "" } else { "  outside" };
+    for VerificationRow { name, predicted, measured, limit, is_within_limits } in rows {
+        let outside = if is_within_limits { "" } else { "  outside" };
         outln!("{name:<width$} {predicted:>10} {measured:>10} {limit:>20}  µm{outside}");
     }
     for sentence in sentences {

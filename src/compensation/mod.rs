@@ -2,11 +2,13 @@
 //! verification by a second run, and undo.
 
 mod machine_compensation;
+mod measured_run;
 mod proposal;
 mod proposal_table;
 mod sheet;
 mod target;
 mod targets;
+mod tool_centre_comparison;
 mod values_record;
 mod verification;
 mod verification_table;

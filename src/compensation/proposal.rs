@@ -192,14 +192,22 @@ pub(super) fn stated_stylus_uncertainty(
 /// The run has no estimate, or its readings contradict the model.
 pub(super) fn last_usable_estimate(run: RunId, stored: &StoredRun) -> Result<&StoredEstimate, ControlProposalError> {
     let last = stored.estimates.last().ok_or(ControlProposalError::NoEstimate(run))?;
-    match last.estimate.verdict {
+    check_model_is_not_contradicted(run, &last.estimate)?;
+    Ok(last)
+}
+
+pub(super) fn check_model_is_not_contradicted(run: RunId, estimate: &Estimate) -> Result<(), ControlProposalError> {
+    match estimate.verdict {
         Verdict::UndecidedModel => Err(ControlProposalError::ContradictedModel(run)),
-        _ => Ok(last),
+        _ => Ok(()),
     }
 }
 
 /// Checks that the control used its present compensation values during the run, if the readings contain their effect.
-fn check_run_used_present_values(stored: &StoredRun, file: &MachineFile) -> Result<(), ControlProposalError> {
+pub(super) fn check_run_used_present_values(
+    stored: &StoredRun,
+    file: &MachineFile,
+) -> Result<(), ControlProposalError> {
     for config in file.compensation.iter().filter(|config| config.is_in_readings()) {
         let control = open_target(file, Some(config.kind()))?.read()?;
         if !records_same_values(stored, config.kind(), control.values()) {

@@ -123,6 +123,11 @@ pub trait CompensationTarget: fmt::Debug {
     /// The errors of [`Self::check_writable`]; a value cannot be set, or another value is read back.
     fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), TargetError>;
 
+    /// Whether the values determine the tool centre of the control.
+    fn sets_tool_centre(&self) -> bool {
+        false
+    }
+
     /// Whether the control uses new values only after it was started again.
     fn needs_restart(&self) -> bool {
         false

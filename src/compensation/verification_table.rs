@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::tool_centre_comparison::ToolCentreError;
 use super::verification::Verification;
 use crate::report::number::format_fixed;
 use methods::compensation::{AxisTravel, CorrectedQuantity, RemainingDeviation, RotaryAxisCoordinate};
@@ -15,35 +16,35 @@ pub struct VerificationRow {
     pub measured: String,
     /// Limit of the difference of both.
     pub limit: String,
-    pub is_within_limit: bool,
+    pub is_within_limits: bool,
 }
 
 #[derive(Debug, Serialize)]
 pub struct VerificationTable {
     pub rows: Vec<VerificationRow>,
-    /// The tool centre of the control, and the result.
+    /// Sentences on the tool centre of the control, and on the result.
     pub sentences: Vec<String>,
-    pub is_confirmed: bool,
 }
 
 impl VerificationTable {
     pub fn new(verification: &Verification) -> Self {
-        let is_confirmed = verification.is_confirmed();
-        let tool_centre = match verification.tool_centres.is_empty() {
-            true => "The tool centre of the control was not read: state tool_centre in [controller].".to_owned(),
-            false => describe_tool_centre(verification),
+        let tool_centre = match verification.tool_centres.as_deref() {
+            None => None,
+            Some([]) => {
+                Some("The tool centre of the control was not read: state tool_centre in [controller].".to_owned())
+            }
+            Some(tool_centres) => Some(describe_tool_centres(tool_centres)),
         };
-        let result = match is_confirmed {
-            true => "The second run measured what the first one predicts: the compensation is verified.",
+        let result = match verification.is_confirmed() {
+            true => "Result: verified.",
             false => {
-                "The second run did not measure what the first one predicts. Restore the values before (`trued compensate \
-                 undo`), or find out what has changed since the first run. All readings are kept."
+                "Result: not confirmed. Restore the values before (`trued compensate undo`), or find out what has changed \
+                 since the first run. All readings are kept."
             }
         };
         Self {
             rows: verification.deviations.iter().map(row).collect(),
-            sentences: vec![tool_centre, result.to_owned()],
-            is_confirmed,
+            sentences: tool_centre.into_iter().chain([result.to_owned()]).collect(),
         }
     }
 }
@@ -55,24 +56,42 @@ fn row(own: &RemainingDeviation) -> VerificationRow {
         predicted: um(own.predicted_mm),
         measured: um(own.measured_mm),
         limit: um(own.limit_mm),
-        is_within_limit: own.is_within_limit(),
+        is_within_limits: own.is_within_limits(),
     }
 }
 
-fn describe_tool_centre(verification: &Verification) -> String {
-    let largest_um = |mm: &dyn Fn(usize) -> f64| {
-        let all = (0..verification.tool_centres.len()).map(mm);
-        format_fixed(all.fold(0.0, f64::max) * 1e3, 1)
+fn describe_tool_centres(tool_centres: &[ToolCentreError]) -> String {
+    let largest_um =
+        |mm: &dyn Fn(&ToolCentreError) -> f64| format_fixed(tool_centres.iter().map(mm).fold(0.0, f64::max) * 1e3, 1);
+    let predicted = match tool_centres.iter().all(|own| own.prediction.is_some()) {
+        true => {
+            let largest = largest_um(&|own| own.prediction.map_or(0.0, |own| length(own.predicted_mm)));
+            format!("{largest} µm predicted")
+        }
+        false => "not compared with the prediction, because the two estimates have different errors".to_owned(),
     };
-    let own = |index: usize| &verification.tool_centres[index];
-    format!(
-        "The control stated its tool centre at {} standstills. Largest error of the tool there: {} µm measured, {} µm \
-         predicted. Tool centre of the control minus that of its values: at most {} µm.",
-        verification.tool_centres.len(),
-        largest_um(&|index| length(own(index).measured_mm)),
-        largest_um(&|index| length(own(index).predicted_mm)),
-        largest_um(&|index| own(index).control_deviation_mm),
-    )
+    let steps_where = |is_outside: &dyn Fn(&&ToolCentreError) -> bool| -> Vec<String> {
+        tool_centres.iter().filter(is_outside).map(|own| own.step.to_string()).collect()
+    };
+    let mut text = format!(
+        "The control stated its tool centre at {} standstills. Largest error of the tool there: {} µm measured, {predicted}. \
+         Tool centre of the control minus that of its values: at most {} µm.",
+        tool_centres.len(),
+        largest_um(&|own| length(own.measured_mm)),
+        largest_um(&|own| own.control_deviation_mm),
+    );
+    let [deviating, unpredicted] =
+        [steps_where(&|own| !own.follows_from_values()), steps_where(&|own| !own.is_as_predicted())];
+    if !deviating.is_empty() {
+        text += &format!(
+            " After the steps {} the kinematics of the control did not apply the values as they are: check tool_centre, the \
+             tool-offset pin and the sense of the rotary axes.",
+            deviating.join(", ")
+        );
+    } else if !unpredicted.is_empty() {
+        text += &format!(" After the steps {} the difference exceeds its limit.", unpredicted.join(", "));
+    }
+    text
 }
 
 fn length([x, y, z]: [f64; 3]) -> f64 {

@@ -193,6 +193,8 @@ impl<'a> Run<'a> {
             return Err(RunError::UnfinishedCompensation(unfinished));
         }
         let prepared = self.devices.open_controller.prepare().await?;
+        // Wrong commands for the tool centre must end the run before its first motion.
+        self.devices.open_controller.read_tool_centre().await?;
         self.record_event(RunEvent::ControlPrepared { identity: prepared.identity.to_string() }).await?;
         self.record_event(RunEvent::OperatorMessage { text: prepared.stop_description }).await?;
         if let Some(text) = describe_unreadable_items(&prepared.unreadable_items) {

@@ -146,6 +146,13 @@ pub struct StoredCompensation {
 }
 
 impl StoredCompensation {
+    /// Whether `run` may verify it: the values are in the control, and the run is newer than those of the compensation and
+    /// of its last verification.
+    pub fn can_be_verified_by(&self, run: RunId) -> bool {
+        let is_newer = run.0 > self.run.0 && self.verified_by.is_none_or(|last| run.0 >= last.0);
+        is_newer && !self.state.is_undone() && !self.state.forbids_motion()
+    }
+
     /// The unfinished compensation, which forbids motion; `None`: the machine may move.
     pub fn unfinished(&self) -> Option<UnfinishedCompensation> {
         let Self { id, target, state, .. } = self;

@@ -51,6 +51,10 @@ impl CompensationTarget for LinuxcncTrunnion<'_> {
         Ok(values.iter().try_for_each(|value| self.trunnion.write(value.name, value.text))?)
     }
 
+    fn sets_tool_centre(&self) -> bool {
+        true
+    }
+
     fn advice_after_write(&self) -> String {
         "Measure again: only a measurement shows that the values are correct. LinuxCNC loses the values when it ends, \
          and reads the values in its HAL files at each start: enter the present values in a HAL file (`trued \

@@ -131,6 +131,11 @@ impl ControlModel {
         !self.travels.is_empty()
     }
 
+    /// Number of positions and travels that the values correct.
+    pub fn quantity_count(&self) -> usize {
+        self.positions.len() + self.travels.len()
+    }
+
     /// Whether the control computes positions of rotary axes from its values.
     pub fn has_positions(&self) -> bool {
         !self.positions.is_empty()

@@ -10,6 +10,10 @@ use crate::MethodRefusal;
 
 /// Distance of two reference points, mm, from which positions that are stated at them cannot be compared.
 const MAX_REFERENCE_DISTANCE_MM: f64 = 1e-6;
+/// Change below which a quantity counts as unchanged, mm.
+const UNCHANGED_MM: f64 = 1e-9;
+/// Largest rounding of a position, mm: half a step of 1 µm for each of two values.
+const MAX_ROUNDING_MM: f64 = 1e-3;
 
 /// What a value of the control corrects.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -24,69 +28,97 @@ pub enum CorrectedQuantity {
 pub struct RemainingDeviation {
     #[serde(flatten)]
     pub quantity: CorrectedQuantity,
+    /// Change by the compensation.
+    pub change_mm: f64,
     /// By the run of the compensation.
     pub predicted_mm: f64,
+    /// Largest predicted error with which the value follows from the run of the compensation.
+    pub prediction_limit_mm: f64,
     /// By the second run.
     pub measured_mm: f64,
-    /// Limit of the difference of both: with correct values, all differences of a verification are below their limits
-    /// with the probability 95.45 %.
+    /// Limit of the difference of measured and predicted error: with correct values, all differences of a verification are
+    /// below their limits with the probability 95.45 %.
     pub limit_mm: f64,
 }
 
 impl RemainingDeviation {
-    pub fn is_within_limit(&self) -> bool {
-        (self.measured_mm - self.predicted_mm).abs() <= self.limit_mm
+    /// The value follows from the first run, and the second run confirms it.
+    pub fn is_within_limits(&self) -> bool {
+        self.predicted_mm.abs() <= self.prediction_limit_mm
+            && (self.measured_mm - self.predicted_mm).abs() <= self.limit_mm
     }
 }
 
-/// Factor of the expanded uncertainty with which `count` independent comparisons hold together with the probability
-/// 95.45 % (Bonferroni).
-pub fn joint_coverage_ratio(count: usize) -> f64 {
+/// Factor of the expanded uncertainty with which `count` comparisons hold together with the probability 95.45 %
+/// (Bonferroni), for uncertainties with `dof` degrees of freedom.
+pub fn joint_coverage_ratio(count: usize, dof: f64) -> f64 {
     let each = 1.0 - (1.0 - COVERAGE_PROBABILITY) / count.max(1) as f64;
-    two_sided_t_factor(each, f64::INFINITY) / two_sided_t_factor(COVERAGE_PROBABILITY, f64::INFINITY)
+    two_sided_t_factor(each, dof) / two_sided_t_factor(COVERAGE_PROBABILITY, dof)
 }
 
 /// Compares each position and travel that both runs determine. `before_mm`: the values before the compensation;
-/// `control`: the values now.
+/// `control`: the values now; `ratio`: as [`joint_coverage_ratio`]. Sources that both runs share count as independent,
+/// which makes the limits larger.
 ///
 /// # Errors
-/// The runs have no determined quantity in common; their positions are stated at different points.
+/// A run does not determine a changed quantity, or not accurately enough to show the change; the positions of the runs are
+/// stated at different points.
 pub fn compare_remaining_deviations(
     first: MeasuredAxisPositions<'_>,
     second: MeasuredAxisPositions<'_>,
     control: &ControlModel,
     before_mm: &[f64],
+    ratio: f64,
 ) -> Result<Vec<RemainingDeviation>, MethodRefusal> {
     let [first, second] = at_common_point(first, second)?;
     let present_mm = control.present_mm();
-    let compare = |quantity, [predicted, measured]: [MeasuredLength; 2], offsets_mm: [f64; 2]| RemainingDeviation {
-        quantity,
-        predicted_mm: predicted.mm + offsets_mm[0],
-        measured_mm: measured.mm + offsets_mm[1],
-        limit_mm: predicted.expanded_mm.hypot(measured.expanded_mm),
-    };
     let mut all = Vec::new();
-    for (position, present_mm) in control.positions.iter().zip(control.positions_mm(&present_mm)) {
-        let coordinate = position.coordinate;
-        if let (Ok(one), Ok(other)) = (first.position(coordinate), second.position(coordinate)) {
-            all.push(compare(CorrectedQuantity::Position(coordinate), [one, other], [-present_mm; 2]));
-        }
+    let mut compare =
+        |quantity, change_mm: f64, both: [Result<MeasuredLength, MethodRefusal>; 2], offsets_mm: [f64; 2]| {
+            let [predicted, measured] = match both {
+                [Ok(predicted), Ok(measured)] => [predicted, measured],
+                [Err(refusal), _] | [_, Err(refusal)] if change_mm.abs() > UNCHANGED_MM => return Err(refusal),
+                _ => return Ok(()),
+            };
+            all.push(RemainingDeviation {
+                quantity,
+                change_mm,
+                predicted_mm: predicted.mm + offsets_mm[0],
+                prediction_limit_mm: predicted.expanded_mm + MAX_ROUNDING_MM,
+                measured_mm: measured.mm + offsets_mm[1],
+                limit_mm: ratio * predicted.expanded_mm.hypot(measured.expanded_mm),
+            });
+            Ok(())
+        };
+    let [positions_before_mm, positions_mm] = [before_mm, &present_mm].map(|values_mm| control.positions_mm(values_mm));
+    for ((position, before_mm), mm) in control.positions.iter().zip(positions_before_mm).zip(positions_mm) {
+        let quantity = CorrectedQuantity::Position(position.coordinate);
+        let both = [&first, &second].map(|run| run.position(position.coordinate));
+        compare(quantity, mm - before_mm, both, [-mm; 2])?;
     }
     for own in &control.travels {
         // The second run measures what the new correction leaves.
         let change_mm = own.correction_mm(&present_mm) - own.correction_mm(before_mm);
-        if let (Ok(one), Ok(other)) = (first.travel_error(own.travel), second.travel_error(own.travel)) {
-            all.push(compare(CorrectedQuantity::Travel(own.travel), [one, other], [change_mm, 0.0]));
-        }
+        let both = [&first, &second].map(|run| run.travel_error(own.travel));
+        compare(CorrectedQuantity::Travel(own.travel), change_mm, both, [change_mm, 0.0])?;
     }
-    MethodRefusal::require(
-        !all.is_empty(),
-        "the run determines nothing that the compensation has changed",
-        "verify with a run of the same method, at other positions",
-    )?;
-    let ratio = joint_coverage_ratio(all.len());
-    all.iter_mut().for_each(|own| own.limit_mm *= ratio);
+    check_shows_largest_change(&all)?;
     Ok(all)
+}
+
+/// A run with a large U would confirm any value.
+fn check_shows_largest_change(all: &[RemainingDeviation]) -> Result<(), MethodRefusal> {
+    let largest = all.iter().max_by(|one, other| one.change_mm.abs().total_cmp(&other.change_mm.abs()));
+    let [change_um, limit_um] =
+        [largest.map_or(0.0, |own| own.change_mm.abs()), largest.map_or(0.0, |own| own.limit_mm)].map(|mm| mm * 1e3);
+    MethodRefusal::require(
+        all.iter().all(|own| own.limit_mm.is_finite()) && limit_um < change_um,
+        format!(
+            "the runs cannot show whether the largest change of {change_um:.1} µm is right: the limit of the difference is \
+             {limit_um:.1} µm"
+        ),
+        "verify with a run of smaller uncertainty",
+    )
 }
 
 /// A tilted axis has another position at another point: both runs state theirs at the same one.
@@ -115,7 +147,7 @@ mod tests {
     #[test]
     fn joint_limits_follow_from_quantiles_of_the_normal_distribution() {
         for (count, expected) in [(1, 1.0), (4, 1.265480247), (60, 1.683784998)] {
-            assert!((joint_coverage_ratio(count) - expected).abs() < 1e-6, "{count}");
+            assert!((joint_coverage_ratio(count, f64::INFINITY) - expected).abs() < 1e-6, "{count}");
         }
     }
 }

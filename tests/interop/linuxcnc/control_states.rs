@@ -160,7 +160,7 @@ pub fn feed_override_other_than_100_percent_is_refused() -> Result<(), Failed> {
         let hurried = driver
             .execute(prove_without_collision_check(&driver, &cylinder_touch_block(1, 0.0, 0.0, 48.6, 46.0)))
             .await;
-        let is_named = |error: &ControllerError| error.to_string().contains("at 120 %");
+        let is_named = |error: &ControllerError| error.to_string().contains("is 120 %");
         expect_error(hurried, is_named)?;
         if rig.joint_position(2)? < 199.0 { Err("it moved".into()) } else { Ok(()) }
     })

@@ -4,6 +4,7 @@ use devices::controllers::ControllerDriver as _;
 use devices::controllers::linuxcnc::{ToolCentreCommands, ToolCentreSettings};
 use libtest_mimic::Failed;
 use machine::Axis;
+use machine::record::tool_centre::ToolCentreReading;
 
 use super::driver::{block_on, open_driver};
 use super::rig::{LinuxCncRig, halcmd, lock_rig};
@@ -28,6 +29,28 @@ fn reported_tool_centre(rig: &LinuxCncRig) -> Result<Vec<f64>, Failed> {
     Ok(reported.split_whitespace().skip(1).take(3).map(str::parse).collect::<Result<_, _>>()?)
 }
 
+fn read_tool_centre(rig: &LinuxCncRig, commands: &str) -> Result<Option<ToolCentreReading>, Failed> {
+    let commands: ToolCentreCommands = serde_json::from_str(commands)?;
+    block_on(async {
+        let (driver, _halt) = open_driver(rig).await?;
+        let settings = ToolCentreSettings { commands, stylus_length_mm: STYLUS_LENGTH_MM };
+        let mut driver = driver.with_tool_centre(Some(settings));
+        driver.prepare().await?;
+        Ok(driver.read_tool_centre().await?)
+    })
+}
+
+/// With the rotary axes at zero, positions do not show that the kinematics stay on.
+fn check_exchanged_commands_are_refused(rig: &LinuxCncRig) -> Result<(), Failed> {
+    let read = read_tool_centre(rig, r#"{"on": "M68 E3 Q0", "off": "M68 E3 Q1"}"#);
+    rig.connect_client()?.run_mdi("M68 E3 Q0")?;
+    let message = read.err().ok_or("exchanged commands were accepted")?;
+    match message.message().is_some_and(|text| text.contains("motion.switchkins-type was 0, then 0, then 1")) {
+        true => Ok(()),
+        false => Err(message),
+    }
+}
+
 /// Nothing moves, and the kinematics are in identity mode again.
 pub fn tool_centre_is_read_from_the_kinematics() -> Result<(), Failed> {
     let rig = lock_rig()?;
@@ -35,16 +58,10 @@ pub fn tool_centre_is_read_from_the_kinematics() -> Result<(), Failed> {
     let set = |pins: &[(&str, &str)]| pins.iter().try_for_each(|(pin, mm)| halcmd(&["setp", pin, mm]).map(drop));
     set(&PINS)?;
     let read = rig.with_kinematics_switch(|| {
+        check_exchanged_commands_are_refused(&rig)?;
         rig.connect_client()?.run_mdi("G53 G0 X60 Y-30 Z150 B25 C40")?;
         let joints = rig.wait_for_rest()?;
-        let commands: ToolCentreCommands = serde_json::from_str(r#"{"on": "M68 E3 Q1", "off": "M68 E3 Q0"}"#)?;
-        let reading = block_on(async {
-            let (driver, _halt) = open_driver(&rig).await?;
-            let settings = ToolCentreSettings { commands, stylus_length_mm: STYLUS_LENGTH_MM };
-            let mut driver = driver.with_tool_centre(Some(settings));
-            driver.prepare().await?;
-            Ok(driver.read_tool_centre().await?)
-        })?;
+        let reading = read_tool_centre(&rig, r#"{"on": "M68 E3 Q1", "off": "M68 E3 Q0"}"#)?;
         if rig.wait_for_rest()? != joints {
             return Err("the machine has moved".into());
         }

@@ -289,6 +289,7 @@ pub fn trials() -> Trials {
         write_is_refused_while_a_run_can_be_resumed,
         verification::second_run_verifies_a_compensation,
         verification::contradicting_run_leaves_the_values_to_a_person,
+        verification::verification_without_evidence_is_refused,
         verification::verification_by_another_state_of_the_machine_is_refused,
         run_records_values_of_the_control_and_their_differences,
         no_run_starts_while_a_compensation_is_unfinished,

@@ -8,7 +8,7 @@ use machine::record::event::RunEvent;
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::record::tool_centre::ToolCentreReading;
 use machine::{Axis, Position};
-use serde_json::Value;
+use serde_json::{Value, json};
 use trued::compensation::describe_compensation_values;
 use trued::setup::MachineFile;
 use trued::store::{CompensationState, Journal, RunId};
@@ -88,7 +88,7 @@ pub fn contradicting_run_leaves_the_values_to_a_person() {
     for (error_um, c_mm, expected) in [
         ([80.0, -30.3], WRITTEN_C_MM, "outside"),
         // The kinematics do not apply the values.
-        ([50.4, -30.3], [0.0, 0.0], "did not measure what the first one predicts"),
+        ([50.4, -30.3], [0.0, 0.0], "did not apply the values as they are"),
     ] {
         let shop = written_shop();
         let output = verify(&shop, store_second_run(&shop, error_um, c_mm));
@@ -105,7 +105,7 @@ pub fn verification_by_another_state_of_the_machine_is_refused() {
     shop.assert_refused(&verify(&shop, RunId(1)), "no compensation of `linuxcnc-sim5` is written");
     let before = store_second_run(&shop, [50.4, -30.3], WRITTEN_C_MM);
     assert!(shop.write(&shop.hash()).status.success());
-    shop.assert_refused(&verify(&shop, RunId(1)), "a run cannot verify itself");
+    shop.assert_refused(&verify(&shop, RunId(1)), "run 1 cannot verify compensation 1: only a run after run 1 can");
     shop.assert_refused(&verify(&shop, before), "does not say that the control held the values of compensation 1");
     // Its readings are at the same positions as those of the run of the compensation.
     let journal = Journal::open(&shop.shop.state_folder()).unwrap();
@@ -119,4 +119,41 @@ pub fn verification_by_another_state_of_the_machine_is_refused() {
     shop.replace_pins("0.05 xyzbc-trt-kins.x-rot-point", "0.06 xyzbc-trt-kins.x-rot-point");
     shop.assert_refused(&verify(&shop, run), "x-rot-point of the control is 0.06 mm; compensation 1 wrote 0.05 mm");
     assert_eq!(shop.state(), Some(CompensationState::Written));
+}
+
+/// Adds an estimate to the run: the last one with changes.
+fn change_estimate(shop: &CompensationShop, run: RunId, change: impl FnOnce(&mut Value)) {
+    let journal = Journal::open(&shop.shop.state_folder()).unwrap();
+    let last = journal.load_run(run).unwrap().estimates.pop().unwrap().estimate;
+    let mut value = serde_json::to_value(last).unwrap();
+    change(&mut value);
+    journal.add_estimate(run, &serde_json::from_value(value).unwrap()).wait().unwrap();
+}
+
+/// A second run with too large a U, or without a changed position, shows nothing. Its combination with the first run is not
+/// independent of the first.
+pub fn verification_without_evidence_is_refused() {
+    let shop = written_shop();
+    let run = store_second_run(&shop, [50.4, -30.3], WRITTEN_C_MM);
+    change_estimate(&shop, run, |estimate| {
+        for index in 0..2 {
+            estimate["covariance"]["rows"][index][index] = json!(2500.0);
+            (estimate["parameters"][index]["u"], estimate["parameters"][index]["U"]) = (json!(50.0), json!(100.0));
+        }
+    });
+    shop.assert_refused(&verify(&shop, run), "cannot show whether the largest change of 50.0 µm is right");
+    let run = store_second_run(&shop, [50.4, -30.3], WRITTEN_C_MM);
+    change_estimate(&shop, run, |estimate| {
+        estimate["parameters"].as_array_mut().unwrap().pop();
+        estimate["covariance"] = json!({"symbols": ["EX0C"], "rows": [[0.25]]});
+    });
+    shop.assert_refused(&verify(&shop, run), "does not determine the position of C in Y");
+    let run = store_second_run(&shop, [80.0, -30.3], WRITTEN_C_MM);
+    change_estimate(&shop, run, |estimate| {
+        estimate["parameters"][0]["value"] = json!(50.0);
+        estimate["provenance"] = json!({"program": "", "machine": "", "plan_sha256": "", "readings_sha256": "",
+            "probe_sha256": "", "artefact_sha256": "", "compensations_active": [], "duration_s": 1.0,
+            "combined_runs": [1, run.0]});
+    });
+    assert_eq!(verify(&shop, run).status.code(), Some(3), "the estimate of the run alone counts");
 }

@@ -12,7 +12,7 @@ use super::prepare;
 use super::program_runner::WatchedProgram;
 use super::result_log::ResultLog;
 use super::rsh::RshClient;
-use super::tool_centre::ToolCentreSettings;
+use super::tool_centre::{ToolCentreSettings, tool_centre_error};
 use super::{SamplerClient, kinematics, path_check, program_runner, state};
 use crate::controllers::{
     ControllerDriver, ControllerError, DeviceInfo, HaltHandle, MachineSnapshot, PreparedControl, ReadinessItem,
@@ -259,6 +259,7 @@ impl LinuxCncDriver {
 
     /// Runs a program that moves nothing, such as one that switches the probe on or off. Returns its log.
     pub(super) async fn run_program_without_motion(&mut self, program: &str) -> Result<ResultLog, ControllerError> {
+        state::check_open_program(&mut self.rsh, &self.files.program_path()).await?;
         self.files.write_program_and_remove_log(program)?;
         self.refuse_if_halted()?;
         let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, PROGRAM_WITHOUT_MOTION).await?;
@@ -342,7 +343,7 @@ impl ControllerDriver for LinuxCncDriver {
         require_prepared(self.is_prepared, self.halt.is_halt_requested())?;
         match self.run_tool_centre_program(&settings).await {
             Ok(reading) => Ok(Some(reading)),
-            Err(error) => Err(self.abort_after_fault(error).await),
+            Err(error) => Err(self.abort_after_fault(tool_centre_error(error, &settings)).await),
         }
     }
 

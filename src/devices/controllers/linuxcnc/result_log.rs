@@ -23,7 +23,9 @@ pub(super) struct ResultLog {
     pub state_values: Vec<f64>,
     /// Numbers of the log line `axes`: positions of the axes X, Y, Z, A, B, C, mm and degrees.
     pub axis_values: Vec<f64>,
-    /// Numbers of the log line `tool_centre`: X, Y, Z, G59.3 offsets.
+    /// Numbers of the log lines `kinematics`: `motion.switchkins-type`.
+    pub kinematics_values: Vec<f64>,
+    /// Numbers of the log line `tool_centre`: X, Y, Z, selected work offset, G59.3 offsets.
     pub tool_centre_values: Vec<f64>,
 }
 
@@ -67,6 +69,7 @@ impl ResultLog {
                 ("probe_error", []) => log.result = Some(ProgramResult::ProbeFault(ProbeFault::ErrorReported)),
                 ("probe_battery", []) => log.result = Some(ProgramResult::ProbeFault(ProbeFault::LowBattery)),
                 ("state", _) => log.state_values = numbers,
+                ("kinematics", [mode]) => log.kinematics_values.push(*mode),
                 ("axes", _) => log.axis_values = numbers,
                 ("tool_centre", _) => log.tool_centre_values = numbers,
                 (_, [n, _, ..]) if *n != f64::from(step) => return Err(garbled()),

@@ -4,16 +4,35 @@
 use serde::Deserialize;
 
 use super::prepare;
+use crate::controllers::ControllerError;
 use planning::gcode::rs274::check_kinematics_command;
 
 /// Commands that switch the kinematics, from `[controller] tool_centre`.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "ToolCentreKeys")]
 pub struct ToolCentreCommands {
+    on: KinematicsCommand,
+    off: KinematicsCommand,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ToolCentreKeys {
     /// Switches tool centre point control on, such as M428.
     on: KinematicsCommand,
     /// Switches it off (identity), such as M429.
     off: KinematicsCommand,
+}
+
+impl TryFrom<ToolCentreKeys> for ToolCentreCommands {
+    type Error = String;
+
+    fn try_from(ToolCentreKeys { on, off }: ToolCentreKeys) -> Result<Self, String> {
+        match on == off {
+            true => Err("`on` and `off` are the same command".to_owned()),
+            false => Ok(Self { on, off }),
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -38,16 +57,34 @@ pub struct ToolCentreSettings {
 }
 
 impl ToolCentreSettings {
-    /// `M66` waits until the kinematics are switched, and reads the position of the axes again.
+    /// `M66` waits until the kinematics are switched, and reads the position of the axes again. A program that cannot read
+    /// the pin of the kinematics ends with an error.
     pub(super) fn program(&self, log: &str) -> String {
+        const LOG_KINEMATICS: &str = "(LOG,kinematics #<_hal[motion.switchkins-type]>)";
         let Self { commands: ToolCentreCommands { on, off }, stylus_length_mm } = self;
         format!(
             "%\n(trued reads the tool centre; nothing moves)\nM70\nG21 G90 G49\nG92.2\nG59.3\n(LOGOPEN,{log})\n\
-             (LOG,axes #5420 #5421 #5422 #5423 #5424 #5425)\nG43.1 Z{stylus_length_mm:.6}\n{}\nM66 E0 L0\n\
-             (LOG,tool_centre #5420 #5421 #5422 {})\n{}\nM66 E0 L0\nG49\n(LOG,END)\n(LOGCLOSE)\nM72\n%\n",
+             {LOG_KINEMATICS}\n(LOG,axes #5420 #5421 #5422 #5423 #5424 #5425)\nG43.1 Z{stylus_length_mm:.6}\n\
+             {}\nM66 E0 L0\n{LOG_KINEMATICS}\n(LOG,tool_centre #5420 #5421 #5422 #5220 {})\n\
+             {}\nM66 E0 L0\n{LOG_KINEMATICS}\nG49\n(LOG,END)\n(LOGCLOSE)\nM72\n%\n",
             on.0,
             prepare::OFFSET_SLOT_PARAMETERS,
             off.0,
         )
+    }
+}
+
+/// The error of a reading of the tool centre. A program that ended early has left its modes.
+pub(super) fn tool_centre_error(error: ControllerError, settings: &ToolCentreSettings) -> ControllerError {
+    match error {
+        ControllerError::NotReady { state, remedy } => ControllerError::NotReady {
+            state: format!("the tool centre was not read: {state}"),
+            remedy: format!(
+                "before the machine moves, enter {} and G49: tool centre point control and a tool length may be active; \
+                 then {remedy}",
+                settings.commands.off.0
+            ),
+        },
+        other => other,
     }
 }

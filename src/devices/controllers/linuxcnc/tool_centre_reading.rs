@@ -10,6 +10,8 @@ use machine::record::tool_centre::ToolCentreReading;
 
 /// Number of values of the log line `axes`.
 const AXIS_VALUE_COUNT: usize = 6;
+/// Value of #5220 while G59.3 is selected.
+const SELECTED_G59_3: f64 = 9.0;
 
 impl LinuxCncDriver {
     /// As [`ControllerDriver::read_tool_centre`](crate::controllers::ControllerDriver::read_tool_centre).
@@ -24,12 +26,38 @@ impl LinuxCncDriver {
         let after = state::read_position(&mut self.rsh, &axes).await?;
         arrival::check_position(&before, &after, |axis| arrival::axis_tolerance(axis, None))
             .map_err(arrival::moved_between_blocks_error)?;
-        let ([x, y, z, slot @ ..], AXIS_VALUE_COUNT) = (&log.tool_centre_values[..], log.axis_values.len()) else {
+        check_kinematics_modes(&log.kinematics_values)?;
+        let ([x, y, z, selected_slot, slot @ ..], AXIS_VALUE_COUNT) =
+            (&log.tool_centre_values[..], log.axis_values.len())
+        else {
             return Err(ControllerError::UnreadableReply { text: "the log of the tool centre".to_owned() });
         };
+        if *selected_slot != SELECTED_G59_3 {
+            return Err(ControllerError::not_ready(
+                "the command that switches tool centre point control on selects another work offset than G59.3",
+                "state a command in `tool_centre` that switches the kinematics only",
+            ));
+        }
         prepare::check_offset_slot(slot, &axes)?;
         let position = parse_position(&log.axis_values).filter_axes(|axis| axes.contains(&axis));
         let position = self.spindle_rad.map_or(position.clone(), |s| position.with(Axis::S, s));
         Ok(ToolCentreReading { position, tool_centre_mm: [*x, *y, *z] })
     }
+}
+
+/// `modes`: `motion.switchkins-type` before the first command, after it, and after the second.
+fn check_kinematics_modes(modes: &[f64]) -> Result<(), ControllerError> {
+    let [before, on, after] = modes else {
+        return Err(ControllerError::UnreadableReply { text: format!("modes of the kinematics {modes:?}") });
+    };
+    if before == after && before != on {
+        return Ok(());
+    }
+    Err(ControllerError::not_ready(
+        format!(
+            "the commands of `tool_centre` do not switch tool centre point control on and off: motion.switchkins-type was \
+             {before}, then {on}, then {after}"
+        ),
+        "correct `tool_centre` in [controller]; it may be that `on` and `off` are exchanged",
+    ))
 }

@@ -80,7 +80,7 @@ pub fn verifiable_targets(
     let stored = journal.compensations(&machine.machine.name)?;
     let is_verifiable = |kind: &&str| {
         let last = stored.iter().find(|own| own.target == *kind);
-        last.is_some_and(|last| last.run.0 < run.0 && !last.state.is_undone() && !last.state.forbids_motion())
+        last.is_some_and(|last| last.can_be_verified_by(run))
     };
     Ok(machine.compensation.iter().map(CompensationConfig::kind).filter(is_verifiable).collect())
 }
