@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::jog::{self, JogError};
-use super::question_text::{axis_unit, format_amount, format_jog, visible_motion};
+use super::question_text::{axis_unit, format_amount, format_signed_amount, visible_motion};
 use super::{CheckEnd, CheckPart, MachineCheck};
 use crate::setup::control_hints;
 use machine::Axis;
@@ -98,7 +98,7 @@ fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, part_starte
     let what = format!(
         "{axis} {}: the operator did not report the observed motion, so the axis was not \
         moved back",
-        format_jog(jog)
+        format_signed_amount(jog)
     );
     check.report_failed(
         CheckPart::Axes,
@@ -140,7 +140,7 @@ async fn report_failed_jog(
     check.require_no_stop_request()?;
     check.has_axis_fault = true;
     let reported = if error.has_changed_nothing() { None } else { describe_reported_motion(check, jog).await };
-    let what = format!("{} {}: {error}{}", jog.axis, format_jog(jog), reported.unwrap_or_default());
+    let what = format!("{} {}: {error}{}", jog.axis, format_signed_amount(jog), reported.unwrap_or_default());
     check.report_failed(CheckPart::Axes, part_started, what, error.remedy());
     if error.has_changed_nothing() { Ok(()) } else { Err(CheckEnd::Unsafe) }
 }
@@ -167,7 +167,7 @@ fn judge_observed_motion(
     part_started: Instant,
     expected: &str,
 ) {
-    let (axis, by) = (jog.axis, format_jog(jog));
+    let (axis, by) = (jog.axis, format_signed_amount(jog));
     let observed = match observed {
         ObservedMotion::Distance(distance) if (distance - jog.by).abs() <= OBSERVATION_TOLERANCE_MM_OR_DEG => {
             ObservedMotion::AsAnnounced
@@ -233,7 +233,7 @@ fn gain_fault_and_remedy(jog: &Jog, observed_distance: f64) -> (String, String) 
     let opposite_note = if rounded * jog.by < 0.0 { ", in the opposite direction" } else { "" };
     let what = format!(
         "{axis} was commanded by {} and moved by {}{opposite_note}: the gain of {axis} is {gain:.3}{inches_hint}",
-        format_jog(jog),
+        format_signed_amount(jog),
         format_amount(axis, format_args!("{rounded:+}"))
     );
     let remedy = format!(

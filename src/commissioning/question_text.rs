@@ -21,7 +21,7 @@ pub fn describe_question(question: &OperatorQuestion) -> String {
             "{} will move by {}: {visible_motion}. The axis moves back after your next answer.\nIs the path free, \
             and is the emergency stop within reach? yes / no",
             jog.axis,
-            format_jog(jog)
+            format_signed_amount(jog)
         ),
         OperatorQuestion::ObservedJog { jog, visible_motion } => format!(
             "Expected motion: {visible_motion}. Did the axis move like this? Keep clear: the axis moves back \
@@ -47,7 +47,7 @@ pub fn describe_question(question: &OperatorQuestion) -> String {
             stop about half-way and stay there.\nIs the path free, and is the emergency stop within reach? \
             yes / no",
             jog.axis,
-            format_jog(jog),
+            format_signed_amount(jog),
             format_amount(jog.axis, jog.feed_per_min)
         ),
         OperatorQuestion::HoldReleased { last_failure: not_yet } => {
@@ -94,7 +94,7 @@ pub(super) fn format_amount(axis: Axis, value: impl std::fmt::Display) -> String
 }
 
 /// Amount of a jog, such as `+1 mm` or `-1°`.
-pub(super) fn format_jog(jog: &Jog) -> String {
+pub(super) fn format_signed_amount(jog: &Jog) -> String {
     format_amount(jog.axis, format_args!("{:+}", jog.by))
 }
 

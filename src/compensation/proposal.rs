@@ -13,7 +13,10 @@ use machine::record::estimate::{Estimate, Parameter, Unit, Verdict};
 use machine::record::machine::Machine;
 use machine::record::plan::Plan;
 use methods::MethodRefusal;
-use methods::compensation::{ControlModel, MeasuredAxisPositions, Proposal, ProposalOptions, ProposedTravel, propose};
+use methods::compensation::{
+    ControlModel, MeasuredAxisPositions, Proposal, ProposalOptions, ProposedPosition, ProposedTravel,
+    RotaryAxisCoordinate, propose,
+};
 use methods::identification::StatedStylusUncertainty;
 use methods::prediction::{ErrorPredictor, WorkZero};
 
@@ -114,11 +117,11 @@ pub struct ControlProposal {
     pub remaining: Vec<RemainingAxisError>,
     /// Warnings of the estimate.
     pub warnings: Vec<String>,
-    /// What the person who approves must know about the values.
+    /// Sentences on the values for the person who approves them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Prediction with the present values, and with the proposed values. Axis positions that the run does not determine
-    /// count as correct. `None`: the run states no measured ranges, or the values are no positions of rotary axes.
+    /// count as correct. `None`: the run states no measured ranges, or the values do not determine the tool centre.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub predicted: Option<[PredictedToolError; 2]>,
 }
@@ -170,7 +173,10 @@ pub fn propose_for_control(
         remaining: remaining_errors(&last.estimate, |own| is_corrected(own, &proposal)),
         warnings: last.estimate.warnings.clone(),
         notes: target.notes(),
-        predicted: predict_before_and_after(&plan.machine, stylus, &last.estimate, &control, &proposal)?,
+        predicted: match target.sets_tool_centre() {
+            true => predict_before_and_after(&plan.machine, stylus, &last.estimate, &control, &proposal)?,
+            false => None,
+        },
         proposal,
     })
 }
@@ -299,5 +305,9 @@ pub(super) fn remaining_errors(
 
 fn is_corrected(own: &Parameter, proposal: &Proposal) -> bool {
     let is_scale = |travel: &ProposedTravel| own.symbol == format!("E{0}{0}1", travel.travel.axis);
-    (own.unit == Unit::Um && !proposal.positions.is_empty()) || proposal.travels.iter().any(is_scale)
+    let is_position = |position: &ProposedPosition| {
+        let RotaryAxisCoordinate { axis, component } = position.coordinate;
+        own.symbol == format!("E{component}0{axis}")
+    };
+    proposal.positions.iter().any(is_position) || proposal.travels.iter().any(is_scale)
 }

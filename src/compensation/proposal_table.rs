@@ -100,8 +100,8 @@ fn sentences(proposal: &ControlProposal) -> Vec<String> {
             format!("({} ± {}) µm", format_fixed(error.largest_um, 1), format_fixed(error.expanded_largest_um, 1))
         });
         sentences.push(format!(
-            "largest position error of the tool with tool centre point control, of the control or of CAM, predicted over \
-             the measured ranges: {present} with the present values, {proposed} with the proposed values (U, k = 2)"
+            "largest position error of the tool with tool centre point control, predicted over the measured ranges: \
+             {present} with the present values, {proposed} with the proposed values (U, k = 2)"
         ));
     }
     let undetermined = proposal.proposal.positions.iter().filter(|position| position.measured_mm.is_none());

@@ -47,13 +47,16 @@ pub enum TargetError {
     #[error(transparent)]
     Controller(#[from] ControllerError),
     #[error(
-        "no table of {topology} turns about Z and tilts on at most one axis: a work offset is no centre of rotation"
+        "the topology {topology} has no rotary table axis along Z, or more than one tilting axis of the table: this is not \
+         supported"
     )]
     NoRotaryTable { topology: String },
     #[error("the control reports no work offset of {axis}")]
     NoSuchAxis { axis: Axis },
-    #[error("the values of the compensation are not those of {slot}")]
-    OtherValues { slot: WorkOffsetSlot },
+    #[error("a value of the compensation is no number of {slot}")]
+    UnreadableValue { slot: WorkOffsetSlot },
+    #[error("{slot} has {deg}° of {axis}: with it the tilting axis is not at zero at the zero of programs")]
+    TiltedSlot { slot: WorkOffsetSlot, axis: Axis, deg: f64 },
     #[error("after the write, {name} reads {read_mm} mm instead of {written_mm} mm")]
     ReadBack { name: String, written_mm: f64, read_mm: f64 },
 }
@@ -83,7 +86,10 @@ impl TargetError {
             Self::Controller(error) => return error.remedy(),
             Self::NoRotaryTable { .. } => "correct topology in [machine], or remove [compensation.work-offset]",
             Self::NoSuchAxis { .. } => "correct [axes] in the machine file",
-            Self::OtherValues { .. } => "set slot of [compensation.work-offset] to the one of the last compensation",
+            Self::TiltedSlot { .. } => "set the tilting axis of the slot to 0 at the control, or name another slot",
+            Self::UnreadableValue { .. } => {
+                "set slot of [compensation.work-offset] to the one of the last compensation"
+            }
             Self::ReadBack { .. } => {
                 "check which other program sets the work offset; then restore the values with `trued compensate undo`"
             }

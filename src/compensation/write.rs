@@ -46,6 +46,8 @@ pub enum CompensationWriteError {
         "{name} is {present_mm} mm, neither {before_mm} mm nor {after_mm} mm: another program or person has changed it"
     )]
     ChangedByOther { name: String, present_mm: f64, before_mm: f64, after_mm: f64 },
+    #[error("the compensation is of {name}, which is no value of the control by the present machine file")]
+    OtherValueNames { name: String },
     #[error("{name} is {present_mm} mm, not {expected_mm} mm as written: another program or person has changed it")]
     NotAsWritten { name: String, present_mm: f64, expected_mm: f64 },
 }
@@ -70,6 +72,9 @@ impl CompensationWriteError {
             Self::Unfinished(unfinished) => return unfinished.remedy(),
             Self::NothingToUndo { .. } | Self::NothingToFinish { .. } => {
                 "list the values of the control with `trued compensate status`"
+            }
+            Self::OtherValueNames { .. } => {
+                "state the earlier values in [compensation] of the machine file, then try again"
             }
             Self::NotAsWritten { .. } => {
                 "restore the previous values with `trued compensate undo`, or set the value as it was written, then \
@@ -223,8 +228,8 @@ impl CompensationWriter<'_> {
         let is_undone = last.state.is_undone();
         let present = self.target.read()?;
         for (name, expected_mm) in values_before_or_after(&last.changes, !is_undone) {
-            let present_mm = value_mm(&present, &name);
-            if (present_mm - expected_mm).abs() >= MAX_READ_BACK_DEVIATION_MM || present_mm.is_nan() {
+            let present_mm = known_value_mm(&present, &name)?;
+            if (present_mm - expected_mm).abs() >= MAX_READ_BACK_DEVIATION_MM {
                 return Err(CompensationWriteError::NotAsWritten { name, present_mm, expected_mm });
             }
         }
@@ -245,7 +250,7 @@ impl CompensationWriter<'_> {
     fn check_not_changed_by_other(&self, changes: &[CompensationChange]) -> Result<(), CompensationWriteError> {
         let present = self.target.read()?;
         for CompensationChange { name, before_mm, after_mm, .. } in changes {
-            let present_mm = value_mm(&present, name);
+            let present_mm = known_value_mm(&present, name)?;
             let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_READ_BACK_DEVIATION_MM;
             if ![before_mm, after_mm].into_iter().any(is_at) {
                 let (name, before_mm, after_mm) = (name.clone(), *before_mm, *after_mm);
@@ -275,7 +280,9 @@ impl CompensationWriter<'_> {
     }
 }
 
-/// Present value `name` of the control, mm. NaN: the control has no value of this name.
-fn value_mm(control: &ControlModel, name: &str) -> f64 {
-    control.values().iter().find(|value| value.name == name).map_or(f64::NAN, |value| value.present_mm)
+/// # Errors
+/// The machine file states other values than those of the compensation.
+fn known_value_mm(control: &ControlModel, name: &str) -> Result<f64, CompensationWriteError> {
+    let value = control.values().iter().find(|value| value.name == name);
+    value.map(|value| value.present_mm).ok_or_else(|| CompensationWriteError::OtherValueNames { name: name.to_owned() })
 }

@@ -31,6 +31,7 @@ impl CommandGate {
 impl MachineWorker {
     /// Blocks the worker's thread, which has no other task while the machine waits for a start.
     pub(super) fn execute_compensation(&self, job: CompensationJob, journal: &Journal) {
+        let mut send_result = None;
         if let Some(lock) = &self.machine_lock {
             // Journal writes block, and a thread of an async runtime must not block.
             let executed = thread::scope(|scope| {
@@ -41,7 +42,7 @@ impl MachineWorker {
                     .map(|thread| thread.join())
             });
             match executed {
-                Ok(Ok(())) => {}
+                Ok(Ok(send)) => send_result = Some(send),
                 Ok(Err(_)) => self.log.error("the compensation ended by a program error: read its state on the page"),
                 Err(error) => {
                     self.log.error(&format!("the compensation is not executed: no thread can be started: {error}"));
@@ -49,5 +50,8 @@ impl MachineWorker {
             }
         }
         self.gate.finish_command(ServiceState::Waiting);
+        if let Some(send) = send_result {
+            send();
+        }
     }
 }

@@ -49,10 +49,13 @@ impl Inspection<'_> {
 /// Receiver of the result of an accepted inspection report.
 pub type InspectionResultReceiver = oneshot::Receiver<Result<(), Refusal>>;
 
-/// Job that writes or restores values of the control, and sends the result to the person who requested it.
+/// Job that reads, writes or restores values of the control for a request.
 pub struct CompensationJob(Box<ExecuteCompensation>);
 
-type ExecuteCompensation = dyn FnOnce(&MachineFile, &Journal, &MachineLock) + Send;
+type ExecuteCompensation = dyn FnOnce(&MachineFile, &Journal, &MachineLock) -> SendResult + Send;
+
+/// Sends the result of a job to the request. The next command must be possible before, because it may follow at once.
+pub(super) type SendResult = Box<dyn FnOnce() + Send>;
 
 /// Receiver of the result of a [`CompensationJob`].
 pub type CompensationResultReceiver<T> = oneshot::Receiver<Result<T, CompensationError>>;
@@ -67,14 +70,15 @@ impl CompensationJob {
             let opened = MachineCompensation::open(file, journal, target.as_deref());
             let result = opened.and_then(|compensation| decide(&compensation, lock));
             // The receiver may have been dropped.
-            let _ = result_sender.send(result);
+            let send: SendResult = Box::new(move || drop(result_sender.send(result)));
+            send
         };
         (Self(Box::new(job)), result_receiver)
     }
 
     /// Executes the job; blocks the calling thread.
-    pub(super) fn execute(self, file: &MachineFile, journal: &Journal, lock: &MachineLock) {
-        (self.0)(file, journal, lock);
+    pub(super) fn execute(self, file: &MachineFile, journal: &Journal, lock: &MachineLock) -> SendResult {
+        (self.0)(file, journal, lock)
     }
 }
 

@@ -270,8 +270,8 @@ fn forecast_u_agrees_with_the_u_of_a_run() {
 fn least_squares_is_compared_with_the_four_steps() {
     let line = |rig: &BallPlateRun, missing: f64| {
         let estimate = rig.estimate(1, missing);
-        assert!(!estimate.warnings.iter().any(|line| line.contains("four steps")));
-        estimate.gauge.into_iter().find(|line| line.contains("four steps")).unwrap()
+        assert!(!estimate.warnings.iter().any(|line| line.contains("four-step evaluation")));
+        estimate.gauge.into_iter().find(|line| line.contains("four-step evaluation")).unwrap()
     };
     let even = BallPlateRun::new(machine_file_changes_for_layout(&[0, 2, 4, 6, 8, 10], 12, 5));
     let compared = line(&even, 0.0);

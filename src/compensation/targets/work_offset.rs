@@ -67,6 +67,15 @@ impl<'a> WorkOffsetTarget<'a> {
         Ok(offset)
     }
 
+    /// The centre of rotation is that with the rotary axes of the machine at zero.
+    fn check_tilting_axis_at_zero(&self, rotary_deg: &[(Axis, f64)]) -> Result<(), TargetError> {
+        let is_tilting = |axis: Axis| self.coordinates.iter().any(|own| own.axis == axis && own.component == Axis::Z);
+        match rotary_deg.iter().find(|(axis, deg)| is_tilting(*axis) && *deg != 0.0) {
+            Some((axis, deg)) => Err(TargetError::TiltedSlot { slot: self.slot, axis: *axis, deg: *deg }),
+            None => Ok(()),
+        }
+    }
+
     fn value_name(&self, axis: Axis) -> String {
         format!("{} {axis}", self.slot)
     }
@@ -89,6 +98,12 @@ impl CompensationTarget for WorkOffsetTarget<'_> {
     fn notes(&self) -> Vec<String> {
         let search = ini_file(self.file).ok().and_then(|ini| programs_with_slot(ini, self.slot));
         let mut notes = vec![describe_programs(self.slot, search.as_ref())];
+        if self.is_selected.get() {
+            notes.push(format!(
+                "the control uses {} now: the coordinates that it displays change with the write",
+                self.slot
+            ));
+        }
         if self.slot.name() == "G54" {
             notes.push("programs that select no work offset use G54 too".to_owned());
         }
@@ -96,7 +111,8 @@ impl CompensationTarget for WorkOffsetTarget<'_> {
     }
 
     fn read(&self) -> Result<ControlModel, TargetError> {
-        let WorkOffset { zero_mm, decimals, .. } = self.read_offset()?;
+        let WorkOffset { zero_mm, rotary_deg, decimals, .. } = self.read_offset()?;
+        self.check_tilting_axis_at_zero(&rotary_deg)?;
         let value = |coordinate: &RotaryAxisCoordinate| {
             let axis = coordinate.component;
             let present_mm = zero_mm.iter().find(|(own, _)| *own == axis).map(|(_, mm)| *mm);
@@ -120,7 +136,7 @@ impl CompensationTarget for WorkOffsetTarget<'_> {
     fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), TargetError> {
         let parse = |value: &ValueToWrite<'_>| Some((self.axis_of(value.name)?, value.text.parse().ok()?));
         let zero_mm: Option<Vec<(Axis, f64)>> = values.iter().map(parse).collect();
-        let zero_mm = zero_mm.ok_or(TargetError::OtherValues { slot: self.slot })?;
+        let zero_mm = zero_mm.ok_or(TargetError::UnreadableValue { slot: self.slot })?;
         self.runtime.block_on(self.controller()?.write_work_offset(self.slot, zero_mm.clone()))?;
         let read = self.read_offset()?.zero_mm;
         for (axis, written_mm) in zero_mm {

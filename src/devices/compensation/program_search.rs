@@ -31,6 +31,8 @@ pub fn programs_with_slot(ini: &Path, slot: WorkOffsetSlot) -> Option<ProgramSea
         None => ini.parent()?.join(prefix),
     };
     let mut names: Vec<PathBuf> = std::fs::read_dir(&folder).ok()?.flatten().map(|entry| entry.path()).collect();
+    // Another kind of file, such as a pipe, might never end.
+    names.retain(|path| path.is_file());
     names.retain(|path| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("ngc")));
     names.sort();
     let mut search =
@@ -69,13 +71,20 @@ fn has_slot_word(text: &str, slot: WorkOffsetSlot) -> bool {
     })
 }
 
+/// A semicolon begins a comment only outside parentheses.
 fn code_without_comments(line: &str) -> String {
     let mut is_comment = false;
-    let code = line.split(';').next().unwrap_or_default().chars().filter(|c| {
-        is_comment = (is_comment || *c == '(') && *c != ')';
-        !is_comment && *c != ')' && !c.is_whitespace()
-    });
-    code.map(|c| c.to_ascii_uppercase()).collect()
+    let mut code = String::new();
+    for c in line.chars() {
+        match (is_comment, c) {
+            (false, ';') => break,
+            (false, '(') => is_comment = true,
+            (true, ')') => is_comment = false,
+            (false, c) if !c.is_whitespace() => code.push(c.to_ascii_uppercase()),
+            _ => {}
+        }
+    }
+    code
 }
 
 #[cfg(test)]

@@ -63,13 +63,15 @@ impl fmt::Display for WorkOffsetSlot {
 pub struct WorkOffset {
     /// Zero of the slot on the linear axes of the control, machine coordinates, mm.
     pub zero_mm: Vec<(Axis, f64)>,
+    /// Zero of the slot on the rotary axes of the control, degrees.
+    pub rotary_deg: Vec<(Axis, f64)>,
     /// Decimals of mm in which the control states the values.
     pub decimals: i32,
     /// Whether the slot is the one that the control uses now.
     pub is_selected: bool,
 }
 
-/// Refuses a slot of which the zero is not the position that the control uses.
+/// Refuses a slot whose zero the control displaces by G92 or rotates.
 pub(super) fn check_no_other_shift(
     slot: WorkOffsetSlot,
     has_g92: bool,

@@ -54,7 +54,7 @@ fn parse_capture_line(line: &str, links: &mut Vec<CapturedLink>) -> Result<(), &
         ("=", None) => {
             let (keyword, name) = rest.split_once(' ').ok_or("the link has no name")?;
             let protocol = LinkProtocol::ALL.into_iter().find(|protocol| protocol.keyword() == keyword);
-            let protocol = protocol.ok_or("the protocol of the link is unknown")?;
+            let protocol = protocol.ok_or("the fourth column does not begin with a known link protocol")?;
             links.push(CapturedLink { link_number: number, protocol, name: name.to_owned(), transfers: Vec::new() });
         }
         (">" | "<", None) => return Err("the link was not opened"),

@@ -119,7 +119,7 @@ fn damaged_capture_is_refused_with_a_reason() {
         (GRBL_CAPTURE.replace("G1X2\\n", "G1X2\\q"), 8, "the content has an unknown escape"),
         (GRBL_CAPTURE.replace("G1X2\\n", "G1X2\\x9"), 8, "the content has an unknown escape"),
         (GRBL_CAPTURE.replace("G1X2\\n", "G1X2\t"), 8, "the content has an unprintable byte"),
-        (GRBL_CAPTURE.replace("= lines", "= words"), 3, "the protocol of the link is unknown"),
+        (GRBL_CAPTURE.replace("= lines", "= words"), 3, "the fourth column does not begin with a known link protocol"),
         (GRBL_CAPTURE.replace("0.7 1 > ?", "0.7 1 >"), 9, "the line has too few columns"),
         (GRBL_CAPTURE.trim_end().to_owned(), 14, "the last line has no line end"),
     ] {

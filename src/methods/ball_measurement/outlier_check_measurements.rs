@@ -4,21 +4,21 @@ use nalgebra::Vector3;
 
 use super::observe::ObservedBalls;
 use super::setup::describe_rotary_axes_in_degrees;
-use crate::identification::CheckedMeasurement;
+use crate::identification::MeasurementToCheck;
 
 /// `of_centre`: the residual of a measured centre, mm, the index of the first of its three residual rows, and the
 /// standard uncertainty of a coordinate, mm.
 pub fn measurements_for_outlier_check(
     observed: &ObservedBalls,
     of_centre: impl Fn(usize) -> (Vector3<f64>, usize, f64),
-) -> Vec<CheckedMeasurement> {
+) -> Vec<MeasurementToCheck> {
     let measurement = |centre: usize| {
         let (residual, first, u_mm) = of_centre(centre);
         let measured = &observed.centres[centre];
         let (label, at) =
             (&measured.label, &observed.commanded_rotary_positions[measured.commanded_rotary_position_index]);
         let (ball, number) = (&label.ball, label.indexation_number());
-        CheckedMeasurement {
+        MeasurementToCheck {
             label: label.measurement_label(),
             description: format!("ball {ball} at indexation {number} ({})", describe_rotary_axes_in_degrees(at)),
             residual_rows: first..first + 3,

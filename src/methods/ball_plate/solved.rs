@@ -11,7 +11,7 @@ use super::settings::BallPlateSettings;
 use super::sources::{coordinate_sigmas, uncertainty_sources};
 use crate::IdentifyError;
 use crate::ball_measurement::measurements_for_outlier_check;
-use crate::identification::{CheckedMeasurement, UncertaintySource};
+use crate::identification::{MeasurementToCheck, UncertaintySource};
 use estimation::linear_least_squares::{LinearSolution, RankAnalysis};
 use estimation::null_space_names::name_null_space;
 use machine::record::plan::Plan;
@@ -73,7 +73,7 @@ impl<'a> SolvedRun<'a> {
     }
 
     /// Each ball at each stop as a measurement for the outlier check.
-    pub fn measurements(&self) -> Vec<CheckedMeasurement> {
+    pub fn measurements(&self) -> Vec<MeasurementToCheck> {
         let residuals: Vec<Vector3<f64>> = self.residuals().collect();
         measurements_for_outlier_check(&self.measured.observed_balls, |i| {
             let variances = self.coordinate_sigmas_mm[3 * i..][..3].iter().map(|sigma| sigma.powi(2));

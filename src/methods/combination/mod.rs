@@ -31,7 +31,7 @@ pub use self::compatibility::CombinationRefusal;
 pub use self::consistency::{Consistency, Disagreement, RunDeviation};
 use self::joint_results::JointResults;
 use self::least_squares::solve_selected_runs;
-use self::result_rows::Unknown;
+use self::result_rows::CombinationUnknown;
 use machine::record::estimate::{Estimate, SourceEffect, Unit};
 use machine::record::plan::Plan;
 
@@ -106,7 +106,7 @@ pub fn combine_runs(runs: &[MeasuredRun<'_>]) -> Result<Combination, Combination
 }
 
 fn combined_parameters(joint: &JointResults, estimate: &Estimate) -> Vec<CombinedParameter> {
-    let parameter = |(index, unknown): (usize, &Unknown)| {
+    let parameter = |(index, unknown): (usize, &CombinationUnknown)| {
         let own = &estimate.parameters[index];
         let value_of_run = |run: usize| {
             let row = joint.rows.row_index(run, index)?;

@@ -9,7 +9,7 @@ use machine::record::estimate::{Parameter, Unit};
 
 /// A parameter of the combination.
 #[derive(Debug, Clone)]
-pub struct Unknown {
+pub struct CombinationUnknown {
     pub symbol: String,
     pub unit: Unit,
     /// Standard uncertainty of the parameter in the first run that has it; divides the values and covariances of the
@@ -27,7 +27,7 @@ pub struct ResultRow {
 
 /// The parameters of all runs. Each value is divided by the scale of its unknown.
 pub struct ResultRows {
-    pub unknowns: Vec<Unknown>,
+    pub unknowns: Vec<CombinationUnknown>,
     pub rows: Vec<ResultRow>,
     pub values: DVector<f64>,
 }
@@ -35,13 +35,13 @@ pub struct ResultRows {
 impl ResultRows {
     /// `runs`: checked, ascending. The parameters of the set-up are those of the last run.
     pub fn new(runs: &[MeasuredRun<'_>]) -> Self {
-        let (mut unknowns, mut rows, mut values) = (Vec::<Unknown>::new(), Vec::new(), Vec::new());
+        let (mut unknowns, mut rows, mut values) = (Vec::<CombinationUnknown>::new(), Vec::new(), Vec::new());
         for (run_index, run) in runs.iter().enumerate() {
             for (covariance_index, parameter) in used_parameters(run, run_index + 1 == runs.len()) {
                 let Parameter { symbol, unit, u, value, .. } = parameter;
                 let known = unknowns.iter().position(|known| known.symbol == *symbol);
                 let unknown_index = known.unwrap_or_else(|| {
-                    unknowns.push(Unknown { symbol: symbol.clone(), unit: *unit, scale: *u });
+                    unknowns.push(CombinationUnknown { symbol: symbol.clone(), unit: *unit, scale: *u });
                     unknowns.len() - 1
                 });
                 values.push(value / unknowns[unknown_index].scale);

@@ -6,7 +6,7 @@ use nalgebra::Matrix3;
 
 /// A unit of the observations that may be an outlier.
 #[derive(Debug, Clone)]
-pub struct CheckedMeasurement {
+pub struct MeasurementToCheck {
     /// Label in the plan.
     pub label: String,
     pub description: String,

@@ -35,7 +35,7 @@ mod warnings;
 pub use aliasing::{LOCATION_ERRORS_TEXT, describe_aliased_orders, describe_plan_aliasing};
 pub use blockwise_fit::{BlockEquations, BlockFit, BlockwiseFit};
 pub use budget_keys::add_budget_sensitivities;
-pub use checked_measurement::{CheckedMeasurement, mean_coordinate_u_mm};
+pub use checked_measurement::{MeasurementToCheck, mean_coordinate_u_mm};
 pub use error_motions::{ErrorMotionValues, synchronous_ranges, total_and_asynchronous_parameters};
 pub use estimate::{Identification, identify, parameter_with_budget, parameter_without_budget};
 pub use forecast::{describe_assumed_repeatability, describe_expected_uncertainty, plan_with_assumed_repeatability};

@@ -5,7 +5,7 @@ use estimation::nonlinear_least_squares::NonlinearSolution;
 use faer::{Mat, MatRef};
 use nalgebra::Vector3;
 
-use super::checked_measurement::CheckedMeasurement;
+use super::checked_measurement::MeasurementToCheck;
 
 /// Figures of a solved problem that the estimate reports.
 #[derive(Debug, Clone, Copy)]
@@ -65,7 +65,7 @@ pub struct SolvedModel<'a> {
     pub has_declared_source_sizes: bool,
     pub fit_quality: FitQuality,
     /// Measurements that are checked for outliers; observations outside of them are not checked.
-    pub measurements: &'a [CheckedMeasurement],
+    pub measurements: &'a [MeasurementToCheck],
 }
 
 /// First-order effect of a change of the observations.

@@ -8,7 +8,7 @@ use std::ops::Range;
 use estimation::coverage::{two_sided_t_factor, variance_ratio_bound};
 use estimation::misfit::Misfit;
 
-use super::checked_measurement::CheckedMeasurement;
+use super::checked_measurement::MeasurementToCheck;
 use super::observation_model::SolvedModel;
 use machine::record::measurement_check::{MeasurementCheck, Outlier, OutlierCandidate};
 
@@ -100,7 +100,7 @@ impl OutlierSearch<'_> {
     }
 
     /// Limit of the measurement's studentised residual. `None`: no other measurement checks it.
-    fn studentised_residual_limit(&self, measurement: &CheckedMeasurement) -> Option<f64> {
+    fn studentised_residual_limit(&self, measurement: &MeasurementToCheck) -> Option<f64> {
         let all = self.solution.measurements.len();
         self.residuals.studentised_limit(measurement.residual_rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
     }
@@ -108,13 +108,13 @@ impl OutlierSearch<'_> {
     /// Single-row measurements, `measurement` included, whose deviations leave the same pattern in the residuals.
     fn indistinguishable_measurements<'m>(
         &'m self,
-        measurement: &'m CheckedMeasurement,
-    ) -> Vec<&'m CheckedMeasurement> {
+        measurement: &'m MeasurementToCheck,
+    ) -> Vec<&'m MeasurementToCheck> {
         let SolvedModel { model, weighted_residuals: residuals, measurements, .. } = self.solution;
         if measurement.residual_rows.len() > 1 || model.observation_count() != residuals.len() {
             return vec![measurement];
         }
-        let pattern = |of: &CheckedMeasurement| {
+        let pattern = |of: &MeasurementToCheck| {
             let mut change = vec![0.0; residuals.len()];
             change[of.residual_rows.start] = of.u_mm;
             model.linear_response(&change).residual_changes
@@ -124,13 +124,13 @@ impl OutlierSearch<'_> {
     }
 
     /// Deviation of this measurement if it is the only outlier.
-    fn deviation_if_outlier(&self, measurement: &CheckedMeasurement) -> OutlierCandidate {
+    fn deviation_if_outlier(&self, measurement: &MeasurementToCheck) -> OutlierCandidate {
         let deviation_um = 1e3 * measurement.residual_mm / self.residual_share_of_deviation(measurement);
         OutlierCandidate { label: measurement.label.clone(), deviation_um }
     }
 
     /// Fraction of the measurement's deviation that remains in its residual.
-    fn residual_share_of_deviation(&self, measurement: &CheckedMeasurement) -> f64 {
+    fn residual_share_of_deviation(&self, measurement: &MeasurementToCheck) -> f64 {
         let rows = measurement.residual_rows.clone();
         let sum: f64 = rows.filter_map(|row| self.leverage.get(row)).sum();
         1.0 - sum / measurement.residual_rows.len() as f64
@@ -138,7 +138,7 @@ impl OutlierSearch<'_> {
 
     /// Residual of the measurement, and its smallest detectable deviation in the direction in which the residuals show
     /// a deviation least.
-    fn check_measurement(&self, measurement: &CheckedMeasurement) -> MeasurementCheck {
+    fn check_measurement(&self, measurement: &MeasurementToCheck) -> MeasurementCheck {
         let rows = measurement.residual_rows.clone();
         let least = rows.map(|row| self.residuals.residual_variances[row]).fold(0.0, f64::max).sqrt();
         let um = |limit: f64| {
@@ -210,7 +210,7 @@ pub fn are_indistinguishable(patterns: [&[f64]; 2]) -> bool {
     product(one, other).powi(2) > MIN_PATTERN_COSINE_SQUARED * product(one, one) * product(other, other)
 }
 
-fn outlier_warning(outlier: &Outlier, measurements: &[CheckedMeasurement]) -> String {
+fn outlier_warning(outlier: &Outlier, measurements: &[MeasurementToCheck]) -> String {
     let candidate = |candidate: &OutlierCandidate| {
         let own = measurements.iter().find(|m| m.label == candidate.label);
         let in_words = own.map_or(&*candidate.label, |own| &own.description);

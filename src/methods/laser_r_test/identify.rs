@@ -14,7 +14,7 @@ use super::setup::LaserSetup;
 use super::sources::uncertainty_sources;
 use super::sphere_model::{CentreObservation, MachineEquations, SphereModel};
 use crate::identification::{
-    self, CheckedMeasurement, FitQuality, NonlinearFit, SolvedModel, TrialSettings, mean_coordinate_u_mm,
+    self, FitQuality, MeasurementToCheck, NonlinearFit, SolvedModel, TrialSettings, mean_coordinate_u_mm,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::{LinearError, RankAnalysis};
@@ -59,7 +59,7 @@ pub fn identify_scans<'a>(
     let machine = NonlinearFit { equation: &problem, minimum: &minimum };
     let (groups, latency) = (&grouped.groups, latency.len());
     let residuals = outputs::position_residuals(&problem, groups, &minimum.x);
-    let measurements = checked_pose_measurements(&problem, &grouped, &residuals);
+    let measurements = pose_measurements_to_check(&problem, &grouped, &residuals);
     let solution = SolvedModel {
         model: &CombinedFit {
             centre_fit: centres,
@@ -172,12 +172,12 @@ fn centre_observations(grouped: &GroupedScans, x: &[f64], covariances: Vec<Matri
 }
 
 /// One measurement for the sphere at each pose.
-fn checked_pose_measurements(
+fn pose_measurements_to_check(
     problem: &MachineEquations,
     grouped: &GroupedScans,
     residuals: &[Vector3<f64>],
-) -> Vec<CheckedMeasurement> {
-    let measurement = |(i, group): (usize, &PoseGroup)| CheckedMeasurement {
+) -> Vec<MeasurementToCheck> {
+    let measurement = |(i, group): (usize, &PoseGroup)| MeasurementToCheck {
         label: group.label.clone(),
         description: format!("the sphere at {}", group.label),
         residual_rows: 3 * i..3 * i + 3,

@@ -7,7 +7,7 @@ use super::outputs;
 use super::setup::QualificationSetup;
 use super::sources::{PooledScatter, uncertainty_sources};
 use super::unknowns_layout::UnknownsLayout;
-use crate::identification::{CheckedMeasurement, FitQuality, Identification, SolvedLinearFit, SolvedModel, identify};
+use crate::identification::{FitQuality, Identification, MeasurementToCheck, SolvedLinearFit, SolvedModel, identify};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
 
@@ -104,8 +104,8 @@ fn pooled_scatter(
     Ok(scatter)
 }
 
-fn touch_measurements(observed: &ObservedTouches, residuals: &[f64], u_mm: f64) -> Vec<CheckedMeasurement> {
-    let measurement = |(i, touch): (usize, &MeasuredTouch)| CheckedMeasurement {
+fn touch_measurements(observed: &ObservedTouches, residuals: &[f64], u_mm: f64) -> Vec<MeasurementToCheck> {
+    let measurement = |(i, touch): (usize, &MeasuredTouch)| MeasurementToCheck {
         label: touch.label.clone(),
         description: format!("touch {}", touch.label),
         residual_rows: i..i + 1,

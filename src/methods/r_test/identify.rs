@@ -7,7 +7,7 @@ use super::settings::RTestSettings;
 use super::sources::{observation_standard_uncertainties, uncertainty_sources};
 use super::{METHOD_NAME, outputs};
 use crate::identification::{
-    self, CheckedMeasurement, FitQuality, Identification, MisfitAdvice, NonlinearFit, ObservationEquation, SolvedModel,
+    self, FitQuality, Identification, MeasurementToCheck, MisfitAdvice, NonlinearFit, ObservationEquation, SolvedModel,
     TrialSettings, rms,
 };
 use crate::{IdentifyError, MethodRefusal};
@@ -124,8 +124,8 @@ fn analyse_rank(equation: &SensorEquations<'_>, x: &[f64]) -> Result<RankAnalysi
 }
 
 /// One measurement for the mean of each sensor at each point.
-fn sensor_measurements(equation: &SensorEquations<'_>, minimum: &NonlinearSolution) -> Vec<CheckedMeasurement> {
-    let measurement = |(i, mean): (usize, &SensorMean)| CheckedMeasurement {
+fn sensor_measurements(equation: &SensorEquations<'_>, minimum: &NonlinearSolution) -> Vec<MeasurementToCheck> {
+    let measurement = |(i, mean): (usize, &SensorMean)| MeasurementToCheck {
         label: mean.label.clone(),
         description: format!("the mean {}", mean.label),
         residual_rows: i..i + 1,

@@ -15,7 +15,7 @@ pub const CALIBRATION_STEP_LABEL: &str = "calibration";
 pub const FORWARD_STEP_LABEL: &str = "turn/forward";
 pub const BACKWARD_STEP_LABEL: &str = "turn/backward";
 
-/// Displacement of the sphere relative to the nest.
+/// Displacement of the sphere relative to the sensor nest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SphereDisplacement {
     /// Known from the displayed positions, table frame, mm.

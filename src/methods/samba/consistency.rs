@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::geometry_model::length_u_mm;
 use super::geometry_solution::GeometrySolution;
 use crate::ball_measurement;
-use crate::identification::{CheckedMeasurement, mean_coordinate_u_mm};
+use crate::identification::{MeasurementToCheck, mean_coordinate_u_mm};
 use estimation::coverage;
 use machine::Axis;
 use machine::kinematics::ErrorShape;
@@ -34,7 +34,7 @@ impl GeometrySolution<'_> {
     }
 
     /// Each ball at each indexation as a measurement for the outlier check.
-    pub fn checked_measurements(&self) -> Vec<CheckedMeasurement> {
+    pub fn checked_measurements(&self) -> Vec<MeasurementToCheck> {
         let residuals = self.position_residuals();
         ball_measurement::measurements_for_outlier_check(&self.observed, |centre| {
             let u_mm = mean_coordinate_u_mm(&self.problem.whitening_matrix_from_table(centre));

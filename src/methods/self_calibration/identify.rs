@@ -8,7 +8,7 @@ use super::rotation_sense::{self, RotationSenseCheck};
 use super::setup::SelfCalibrationSetup;
 use super::sources::{interruption_step_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
-    self, CheckedMeasurement, Identification, IdentificationOutputs, SolvedModel, TrialSettings, UncertaintySource,
+    self, Identification, IdentificationOutputs, MeasurementToCheck, SolvedModel, TrialSettings, UncertaintySource,
     block_covariances,
 };
 use crate::{IdentifyError, MethodRefusal};
@@ -154,7 +154,7 @@ pub fn solve_readings<'a>(
 }
 
 /// One measurement per touch. Deviations are along the ray, positive outward.
-fn touch_measurements(plan: &Plan, fit: &SelfCalibrationFit, residuals: &[f64]) -> Vec<CheckedMeasurement> {
+fn touch_measurements(plan: &Plan, fit: &SelfCalibrationFit, residuals: &[f64]) -> Vec<MeasurementToCheck> {
     let label = |id: u32| {
         let step = plan.steps.iter().find(|step| step.id == id);
         step.map_or_else(|| id.to_string(), |step| step.label.clone())
@@ -163,7 +163,7 @@ fn touch_measurements(plan: &Plan, fit: &SelfCalibrationFit, residuals: &[f64]) 
     let measurement = |(i, ((observation, residual), sigma)): (usize, ((&RadiusObservation, &f64), &f64))| {
         let label = label(observation.step_id);
         let in_words = format!("touch {label}");
-        CheckedMeasurement {
+        MeasurementToCheck {
             label,
             description: in_words,
             residual_rows: i..i + 1,

@@ -13,7 +13,7 @@ use machine::record::estimate::CircleFigure;
 const PLOT_SIDE: u32 = 744;
 
 /// A path is closed if the ratio of its closing distance to the longest distance between neighbours is at most this.
-const MAX_RATIO_OF_CLOSING_LENGTH: f64 = 1.5;
+const MAX_CLOSING_TO_LONGEST_SEGMENT_RATIO: f64 = 1.5;
 
 /// Draws the figure; `None` if the circle is not finite.
 pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
@@ -50,7 +50,8 @@ fn close_path(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let length = |from: &(f64, f64), to: &(f64, f64)| (to.0 - from.0).hypot(to.1 - from.1);
     let longest = points.windows(2).map(|pair| length(&pair[0], &pair[1])).fold(0.0, f64::max);
     let ends = points.last().zip(points.first());
-    let first_again = ends.filter(|(last, first)| length(last, first) <= MAX_RATIO_OF_CLOSING_LENGTH * longest);
+    let first_again =
+        ends.filter(|(last, first)| length(last, first) <= MAX_CLOSING_TO_LONGEST_SEGMENT_RATIO * longest);
     points.iter().chain(first_again.map(|(_, first)| first)).copied().collect()
 }
 

@@ -102,12 +102,13 @@ struct CompensationNumber {
 #[utoipa::path(get, path = "/api/v1/runs/{run}/compensation", operation_id = "proposal", params(("run" = i64, Path), ProposalQuery), responses((status = OK, body = DocumentedObject)))]
 async fn get_proposal(
     State(app): State<AppState>,
+    Extension(caller): Extension<Caller>,
     Path(run): Path<i64>,
     Query(query): Query<ProposalQuery>,
 ) -> Result<Json<HashedProposal>, Problem> {
     let machine = app.machine_of_run(run).await?;
     let source = query.source(run);
-    Ok(Json(app.read_control(&machine, query.target, move |compensation| compensation.propose(source)).await?))
+    Ok(Json(app.read_control(&caller, &machine, query.target, move |compensation| compensation.propose(source)).await?))
 }
 
 /// Write the proposed values to the control and read them back. A metrologist approves the hash of the proposal.
@@ -134,12 +135,13 @@ async fn write_compensation(
 #[utoipa::path(get, path = "/api/v1/runs/{run}/verification", operation_id = "verification", params(("run" = i64, Path), TargetQuery), responses((status = OK, body = DocumentedObject)))]
 async fn get_verification(
     State(app): State<AppState>,
+    Extension(caller): Extension<Caller>,
     Path(run): Path<i64>,
     Query(TargetQuery { target }): Query<TargetQuery>,
 ) -> Result<Json<Verification>, Problem> {
     let machine = app.machine_of_run(run).await?;
     let compare = move |compensation: &MachineCompensation<'_>| compensation.compare_with_prediction(RunId(run));
-    Ok(Json(app.read_control(&machine, target, compare).await?))
+    Ok(Json(app.read_control(&caller, &machine, target, compare).await?))
 }
 
 /// Store the result of the verification by the run.
@@ -163,10 +165,11 @@ async fn verify_compensation(
 #[utoipa::path(get, path = "/api/v1/machines/{name}/compensation", operation_id = "compensation", params(("name" = String, Path), TargetQuery), responses((status = OK, body = DocumentedObject)))]
 async fn get_compensation(
     State(app): State<AppState>,
+    Extension(caller): Extension<Caller>,
     machine: ServedMachine,
     Query(TargetQuery { target }): Query<TargetQuery>,
 ) -> Result<Json<CompensationStatus>, Problem> {
-    Ok(Json(app.read_control(&machine, target, |compensation| compensation.status()).await?))
+    Ok(Json(app.read_control(&caller, &machine, target, |compensation| compensation.status()).await?))
 }
 
 /// Restore the values before the last compensation.

@@ -38,7 +38,7 @@ use jiff::Timestamp;
 use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
-use self::access::AccessControl;
+use self::access::{AccessControl, Caller};
 pub use self::access::{Role, Token, TokenError, TokenStore};
 pub use self::page::machine_page_path;
 pub use self::page_address_file::PageAddressFile;
@@ -96,14 +96,16 @@ impl AppState {
     }
 
     /// Reads values of the control of `machine`, which may be slow, and the journal. Only the worker opens the link of the
-    /// control: values that need it are read while the machine waits for a start.
+    /// control, while the machine waits for a start. A metrologist must request it, because it commands the control.
     async fn read_control<T: Send + 'static>(
         &self,
+        caller: &Caller,
         machine: &ServedMachine,
         target: Option<String>,
         read: impl FnOnce(&MachineCompensation<'_>) -> Result<T, CompensationError> + Send + 'static,
     ) -> Result<T, Problem> {
         if needs_control_link(&machine.machine_file, target.as_deref()) {
+            caller.require_metrologist()?;
             let read = move |compensation: &MachineCompensation<'_>, _: &MachineLock| read(compensation);
             let accepted = machine.gate.compensate("reading of values of the control", target, read)?;
             let result = timeout(MAX_RESPONSE_TIME, accepted).await.map_err(|_| Refusal::NotReady)?;

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::balls_csv::{self, BallCsvColumns, CommonBallData, column_of_key};
+use super::balls_csv::{self, BallCsvColumns, DefaultBallData, column_of_key};
 use super::document::TomlDocument;
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use machine::artefact::{self, ArtefactEntry, ArtefactFault};
@@ -70,7 +70,7 @@ fn read_artefact_fields<T: DeserializeOwned>(
 fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
     let mut balls: Balls = read_artefact_fields(
         document,
-        &[&["kind", "file"], &BALL_PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat(),
+        &[&["kind", "file"], &BALL_PLACEMENT_KEYS[..], &DefaultBallData::KEYS[..]].concat(),
     )?;
     let wrong = |key: &str, why: &str| document.value_error(&["artefact", key], why);
     let file: Option<String> = read_artefact_key(document, "file")?;
@@ -80,7 +80,7 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
         }
         None => {
             let names = document.key_names(&["artefact"])?;
-            if let Some(common) = CommonBallData::KEYS.into_iter().find(|key| names.iter().any(|n| n == key)) {
+            if let Some(common) = DefaultBallData::KEYS.into_iter().find(|key| names.iter().any(|n| n == key)) {
                 let why = "is a common value for the balls of a table (file = \"NAME.csv\"): without a \
                     table, write it in each [[artefact.balls]]";
                 return Err(wrong(common, why));
@@ -93,7 +93,7 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
                     [[artefact.balls]] instead";
                 return Err(wrong("file", why));
             };
-            Some(BallCsvTable::read(&folder.join(name), &read_common_ball_data(document)?)?)
+            Some(BallCsvTable::read(&folder.join(name), &read_default_ball_data(document)?)?)
         }
     };
     if let Some(table) = &table {
@@ -143,8 +143,8 @@ fn read_artefact_key<T: DeserializeOwned>(document: &TomlDocument, name: &str) -
     document.read_section(&["artefact", name], T::deserialize)
 }
 
-fn read_common_ball_data(document: &TomlDocument) -> Result<CommonBallData, MachineFileError> {
-    Ok(CommonBallData {
+fn read_default_ball_data(document: &TomlDocument) -> Result<DefaultBallData, MachineFileError> {
+    Ok(DefaultBallData {
         radius_mm: read_artefact_key(document, "radius_mm")?,
         stem: read_artefact_key(document, "stem")?,
         stem_radius_mm: read_artefact_key(document, "stem_radius_mm")?,
@@ -159,7 +159,7 @@ struct BallCsvTable {
 }
 
 impl BallCsvTable {
-    fn read(path: &Path, common: &CommonBallData) -> Result<Self, MachineFileError> {
+    fn read(path: &Path, common: &DefaultBallData) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
             .map_err(|source| MachineFileError::UnreadableBallTable { file: file.clone(), source })?;
@@ -178,7 +178,7 @@ fn artefact_fault_error(
     let (name, index) = match (of, table) {
         // The machine file contains the properties that all balls share.
         (ArtefactEntry::Ball(_), Some(table))
-            if CommonBallData::KEYS.contains(&key) && !table.columns.has_column_of_key(key) =>
+            if DefaultBallData::KEYS.contains(&key) && !table.columns.has_column_of_key(key) =>
         {
             return document.value_error(&["artefact", key], why);
         }

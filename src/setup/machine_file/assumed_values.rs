@@ -61,7 +61,7 @@ pub fn fill_assumed_values(
 
 /// Fills in the temperature uncertainty and the expansion of certified lengths and centres of `artefact` without a
 /// stated temperature; appends the keys to `assumed_keys`.
-pub fn fill_assumed_temperature_uncertainties(artefact: &mut Artefact, assumed_keys: &mut Vec<String>) {
+pub fn fill_assumed_thermal_values(artefact: &mut Artefact, assumed_keys: &mut Vec<String>) {
     let Artefact::Balls(balls) = artefact else { return };
     if balls.certificate_u_mm.is_some() && balls.temperature_c.is_none() {
         let mut fill = |key: &str, value: &mut Option<f64>, size: f64| {

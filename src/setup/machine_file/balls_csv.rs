@@ -13,14 +13,14 @@ pub type BallWithLineNumber = (Ball, usize);
 
 /// Values of `[artefact]` that replace missing columns and empty cells of the table.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct CommonBallData {
+pub struct DefaultBallData {
     pub radius_mm: Option<f64>,
     pub stem: Option<[f64; 3]>,
     pub stem_radius_mm: Option<f64>,
     pub stem_length_mm: Option<f64>,
 }
 
-impl CommonBallData {
+impl DefaultBallData {
     pub const KEYS: [&'static str; 4] = ["radius_mm", "stem", "stem_radius_mm", "stem_length_mm"];
 }
 
@@ -31,7 +31,7 @@ impl CommonBallData {
 pub fn parse_ball_csv(
     file: &str,
     text: &str,
-    common: &CommonBallData,
+    common: &DefaultBallData,
 ) -> Result<(BallCsvColumns, Vec<BallWithLineNumber>), MachineFileError> {
     let error = |line: usize, problem| {
         let place = FileLocation { file: file.to_owned(), line: Some(line) };
@@ -93,7 +93,7 @@ impl BallCsvColumns {
         self.names.iter().any(|name| name == column_of_key(key))
     }
 
-    fn new(header: &csv::StringRecord, common: &CommonBallData) -> Result<Self, MachineFileProblem> {
+    fn new(header: &csv::StringRecord, common: &DefaultBallData) -> Result<Self, MachineFileProblem> {
         let names: Vec<&str> = header.iter().collect();
         let known = [REQUIRED_COLUMNS, STEM_COLUMNS].concat();
         if let Some(name) = names.iter().find(|name| !known.contains(name)) {
@@ -117,7 +117,7 @@ impl BallCsvColumns {
         Ok(Self { names: names.into_iter().map(str::to_owned).collect() })
     }
 
-    fn parse_ball(&self, record: &csv::StringRecord, common: &CommonBallData) -> Result<Ball, MachineFileProblem> {
+    fn parse_ball(&self, record: &csv::StringRecord, common: &DefaultBallData) -> Result<Ball, MachineFileProblem> {
         let text = |name: &str| {
             let index = self.names.iter().position(|column| column == name)?;
             record.get(index).filter(|text| !text.is_empty())

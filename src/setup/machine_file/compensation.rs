@@ -78,7 +78,7 @@ pub fn read_compensation(document: &TomlDocument, dialect: &str) -> Result<Vec<C
     Ok(all.into_iter().flatten().collect())
 }
 
-/// Refuses a slot that the dialect uses, or that comes after it: a control without G59.1 to G59.3 reserves G59.
+/// Refuses the slot of the dialect and the slots of higher P numbers: a control without G59.1 to G59.3 has none after G59.
 fn check_slot(document: &TomlDocument, slot: WorkOffsetSlot, dialect: &str) -> Result<(), MachineFileError> {
     // An unknown dialect is refused elsewhere.
     let Ok(dialect) = Dialect::from_name(dialect) else { return Ok(()) };

@@ -139,7 +139,7 @@ impl MachineFile {
         semantic_checks::check_solids(&document, &solids, &machine)?;
         let mut artefact = artefact::read_artefact(&document, source)?;
         semantic_checks::check_artefact(&document, &artefact)?;
-        assumed_values::fill_assumed_temperature_uncertainties(&mut artefact, &mut assumed);
+        assumed_values::fill_assumed_thermal_values(&mut artefact, &mut assumed);
         let prompts = prompt::read_prompts(&document, &machine)?;
         let controller = controller::read_controller(&document)?;
         let tolerance = tolerance::read_tolerances(&document)?;

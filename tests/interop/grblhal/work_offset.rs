@@ -16,8 +16,8 @@ const SERVE_SECTION: &str = "\n[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nn
 const RUN_PATH: &str = "/api/v1/runs/1/compensation";
 const MACHINE_PATH: &str = "/api/v1/machines/grblhal-sim5/compensation";
 /// Zero of G55 before, mm and degrees. C is at (-149.95, -100.03).
-const BEFORE: &str = "[G55:-149.900,-100.010,-3.000,1.000,2.000]";
-const CORRECTED: &str = "[G55:-149.950,-100.030,-3.000,1.000,2.000]";
+const BEFORE: &str = "[G55:-149.900,-100.010,-3.000,0.000,2.000]";
+const CORRECTED: &str = "[G55:-149.950,-100.030,-3.000,0.000,2.000]";
 
 /// The line of `$#` for G55.
 fn reported_offset(rig: &GrblHalRig) -> Result<String, Failed> {
@@ -57,21 +57,25 @@ fn check_page(rig: &GrblHalRig, workspace: &RunWorkspace, hash: &str) -> Result<
 
 pub fn rotary_centre_is_written_and_restored() -> Result<(), Failed> {
     let rig = GrblHalRig::start_homed(&[])?;
-    rig.query("G10 L2 P2 X-149.9 Y-100.01 Z-3 B1 C2")?;
+    rig.query("G10 L2 P2 X-149.9 Y-100.01 Z-3 B0 C2")?;
     check_offset(&rig, BEFORE)?;
     let workspace = rig.create_run_workspace(&[("[probe]", &format!("{SLOT_SECTION}{SERVE_SECTION}\n[probe]"))])?;
     let trial = WorkOffsetTrial::new(&workspace, [-150.0, -100.0, -360.0])?;
     rig.proxy.clear_record();
-    for (line, undo, expected) in
-        [("G92 X1", "G92.1", "G92 is active"), ("$13=1", "$13=0", "in inches"), ("$C", "$C", "Check")]
-    {
+    for (line, undo, expected) in [
+        ("G92 X1", "G92.1", "G92 is active"),
+        ("G20", "G21", "in inches"),
+        ("G10 L2 P2 B1", "G10 L2 P2 B0", "G55 has 1° of B"),
+        ("$13=1", "$13=0", "in inches"),
+        ("$C", "$C", "Check"),
+    ] {
         rig.query(line)?;
         refusal(&trial.propose()?, expected)?;
         // grblHAL resets itself after the check mode.
         let _ = rig.query(undo);
     }
-    // Programs in inches and incremental motion: neither counts for the write, and both remain.
-    rig.query("G20 G91 G54")?;
+    // Incremental motion does not count for the write, and remains.
+    rig.query("G91 G54")?;
     let (hash, text) = trial.proposal()?;
     if !text.contains("programs with G55 are not searched") || !text.contains("Z of B") {
         return Err(text.into());
@@ -89,9 +93,10 @@ pub fn rotary_centre_is_written_and_restored() -> Result<(), Failed> {
         return Err(undone.into());
     }
     check_offset(&rig, BEFORE)?;
+    rig.query("G54")?;
     check_page(&rig, &workspace, &hash)?;
     let modes = rig.query("$G")?;
-    if !["G20", "G91", "G55"].iter().all(|word| modes.contains(word)) {
+    if !["G91", "G54"].iter().all(|word| modes.contains(word)) {
         return Err(modes.into());
     }
     let motions = rig.proxy.sent_motions();

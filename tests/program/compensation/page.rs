@@ -1,5 +1,7 @@
 //! Proposal, approval and undo at the page and its interface.
 
+use std::time::Duration;
+
 use serde_json::{Value, json};
 
 use super::shop::CompensationShop;
@@ -147,7 +149,10 @@ pub fn metrologist_stores_a_verification() {
     assert_eq!(serve.post(&api_path, metrologist, &by), (201, json!({"id": 1})));
     assert!(shop.is_corrected() && shop.state() == Some(CompensationState::NotConfirmed));
     let (_, page) = serve.get("/machines/linuxcnc-sim5", viewer);
-    assert!(page.contains("did not confirm them") && page.contains("restore the values before it"), "{page}");
+    assert!(
+        page.contains("did not confirm them") && page.contains("restore the values before this compensation"),
+        "{page}"
+    );
 }
 
 /// Nobody is known to be a metrologist.
@@ -167,12 +172,20 @@ pub fn values_over_the_link_are_read_by_the_worker() {
     shop.append_to_machine_file("\n[compensation.work-offset]\nslot = \"G55\"\n");
     shop.append_to_machine_file(&serve_section(true));
     let serve = CompensationDaemon::start(&shop, "monday");
+    // At the start of the service the worker is not ready.
+    let is_waiting = || serve.get("/api/v1/machines/linuxcnc-sim5", &serve.viewer).1.contains("\"state\":\"waiting\"");
+    assert!((0..100).any(|_| is_waiting() || {
+        std::thread::sleep(Duration::from_millis(50));
+        false
+    }));
     let [by_link, by_pins] = ["work-offset", "linuxcnc-trunnion"].map(|kind| format!("{RUN_PATH}?target={kind}"));
     assert!(serve.get("/runs/1", &serve.viewer).1.contains("href=\"/runs/1/compensation?target=work-offset\""));
     for _ in 0..2 {
         let (status, problem) = serve.get(&by_link, &serve.viewer);
+        assert!(status == 403 && problem.contains("only a metrologist may read"), "{status} {problem}");
+        let (status, problem) = serve.get(&by_link, &serve.metrologist);
         assert!(status == 409 && problem.contains("no linuxcncrsh listens"), "{status} {problem}");
-        let (status, problem) = serve.get(&format!("{MACHINE_PATH}?target=work-offset"), &serve.viewer);
+        let (status, problem) = serve.get(&format!("{MACHINE_PATH}?target=work-offset"), &serve.metrologist);
         assert!(status == 409 && problem.contains("no linuxcncrsh listens"), "{status} {problem}");
     }
     assert_eq!(serve.get(&by_pins, &serve.viewer).0, 200);

@@ -19,19 +19,14 @@ impl GrblDriver {
         work_offset_from_reports(slot, &self.axes_in_report_order, &modes, &offsets)
     }
 
-    /// Units of programs are restored; `G10 L2` is absolute in G90 and in G91 (grblHAL `gcode.c`).
+    /// `G10 L2` is absolute in G90 and in G91 (grblHAL `gcode.c`).
     pub(super) async fn set_offset_slot(
         &mut self,
         slot: WorkOffsetSlot,
         zero_mm: &[(Axis, f64)],
     ) -> Result<(), ControllerError> {
-        let modes = self.read_modal_words_at_rest().await?;
-        let sent = self.connection.send_line(&format!("G21 {}", set_offset_block(slot, zero_mm))).await;
-        let restored = match modes.iter().any(|word| word == INCH_WORD) {
-            true => self.connection.send_line(INCH_WORD).await.map(drop),
-            false => Ok(()),
-        };
-        sent.and(restored)
+        self.read_modal_words_at_rest().await?;
+        self.connection.send_line(&set_offset_block(slot, zero_mm)).await.map(drop)
     }
 
     /// Modal words of a control that is idle and reports in mm; ends a preparation.
@@ -53,7 +48,11 @@ impl GrblDriver {
             GrblMessage::ModalWords(words) => Some(words),
             _ => None,
         });
-        words.ok_or_else(|| ControllerError::UnreadableReply { text: "$G".to_owned() })
+        let words: Vec<String> = words.ok_or_else(|| ControllerError::UnreadableReply { text: "$G".to_owned() })?;
+        if words.iter().any(|word| word == INCH_WORD) {
+            return Err(ControllerError::not_ready("programs are in inches (G20)", "enter G21 at the control"));
+        }
+        Ok(words)
     }
 }
 
@@ -80,9 +79,11 @@ fn work_offset_from_reports(
     if modes.iter().any(|word| word == "G68") {
         return Err(ControllerError::not_ready("coordinates are rotated (G68)", "enter G69 at the control"));
     }
-    let named = axes.iter().zip(zero).filter_map(|(axis, mm)| Some(((*axis)?, *mm)));
+    let named = axes.iter().zip(zero).filter_map(|(axis, value)| Some(((*axis)?, *value)));
+    let (zero_mm, rotary_deg) = named.partition(|(axis, _)| axis.is_linear());
     Ok(WorkOffset {
-        zero_mm: named.filter(|(axis, _)| axis.is_linear()).collect(),
+        zero_mm,
+        rotary_deg,
         decimals: REPORT_DECIMALS,
         is_selected: modes.iter().any(|word| word == slot.name()),
     })

@@ -2,6 +2,7 @@
 
 use super::driver::{LinuxCncDriver, PROGRAM_WITHOUT_MOTION};
 use super::result_log::ResultLog;
+use super::rsh::RshClient;
 use super::{program_runner, state};
 use crate::controllers::work_offset::{check_no_other_shift, set_offset_block};
 use crate::controllers::{ControllerError, WorkOffset, WorkOffsetSlot};
@@ -13,7 +14,7 @@ const PARAMETERS_PER_SLOT: usize = 20;
 const ROTATION_INDEX: usize = 9;
 /// Decimals of a number in the log.
 const LOG_DECIMALS: i32 = 6;
-const LINEAR_AXES: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+const SLOT_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 impl LinuxCncDriver {
     pub(super) async fn read_offset_slot(&mut self, slot: WorkOffsetSlot) -> Result<WorkOffset, ControllerError> {
@@ -34,6 +35,14 @@ impl LinuxCncDriver {
     async fn run_program_at_rest(&mut self, program: &str) -> Result<ResultLog, ControllerError> {
         self.is_prepared = false;
         self.refuse_if_halted()?;
+        // Other clients keep the right to command while the machine works.
+        if self.rsh.get("program_status").await? != "IDLE" {
+            return Err(ControllerError::not_ready(
+                "a program is running",
+                "wait until the program ends, or stop it, then start again",
+            ));
+        }
+        check_at_rest(&mut self.rsh).await?;
         self.rsh.acquire_command_right().await?;
         self.check_machine_ready(None).await?;
         if state::read_length_unit_mm(&mut self.rsh).await? != 1.0 {
@@ -42,9 +51,7 @@ impl LinuxCncDriver {
                 "values in inches are not supported: enter them by hand",
             ));
         }
-        if !program_runner::is_at_rest(&mut self.rsh).await? {
-            return Err(ControllerError::not_ready("the machine moves", "wait until the machine is at rest"));
-        }
+        check_at_rest(&mut self.rsh).await?;
         let mode = self.rsh.get("mode").await?;
         self.rsh.read_messages().await?;
         let ended = self.open_and_run_program(program).await;
@@ -63,6 +70,13 @@ impl LinuxCncDriver {
             return Err(self.stop_reason(PROGRAM_WITHOUT_MOTION.step, log).await);
         }
         Ok(log)
+    }
+}
+
+async fn check_at_rest(rsh: &mut RshClient) -> Result<(), ControllerError> {
+    match program_runner::is_at_rest(rsh).await? {
+        true => Ok(()),
+        false => Err(ControllerError::not_ready("the machine moves", "wait until the machine is at rest")),
     }
 }
 
@@ -93,12 +107,9 @@ fn work_offset_from_log(slot: WorkOffsetSlot, values: &[f64], axes: &[Axis]) -> 
     let rotation_deg = offsets.get(ROTATION_INDEX).ok_or_else(unreadable)?;
     let has_g92 = *is_g92_active != 0.0 && g92.iter().any(|value| *value != 0.0);
     check_no_other_shift(slot, has_g92, *rotation_deg)?;
-    let zero_mm = LINEAR_AXES.into_iter().zip(offsets.iter().copied());
-    Ok(WorkOffset {
-        zero_mm: zero_mm.filter(|(axis, _)| axes.contains(axis)).collect(),
-        decimals: LOG_DECIMALS,
-        is_selected: *selected == slot.p_number() as f64,
-    })
+    let zero = SLOT_AXES.into_iter().zip(offsets.iter().copied()).filter(|(axis, _)| axes.contains(axis));
+    let (zero_mm, rotary_deg) = zero.partition(|(axis, _)| axis.is_linear());
+    Ok(WorkOffset { zero_mm, rotary_deg, decimals: LOG_DECIMALS, is_selected: *selected == slot.p_number() as f64 })
 }
 
 #[cfg(test)]

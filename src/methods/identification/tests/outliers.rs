@@ -3,14 +3,14 @@
 use super::{MeanModel, assert_near};
 use crate::identification::outliers::{OutlierCheck, ResidualStatistics, are_indistinguishable};
 use crate::identification::{
-    CheckedMeasurement, IdentificationOutputs, ObservationEffect, SolvedModel, UncertaintySource, identify,
+    IdentificationOutputs, MeasurementToCheck, ObservationEffect, SolvedModel, UncertaintySource, identify,
 };
 
 /// Compares readings of one quantity, mm; each is a measurement of 1 mm standard uncertainty.
 fn check_readings(readings: &[f64], has_declared_sizes: bool, rows: usize) -> OutlierCheck {
     let mean = MeanModel::from_readings(readings);
     let fit = mean.solved_linear_fit();
-    let measurement = |i: usize| CheckedMeasurement {
+    let measurement = |i: usize| MeasurementToCheck {
         label: i.to_string(),
         description: format!("reading {i}"),
         residual_rows: rows * i..rows * (i + 1),
@@ -18,7 +18,7 @@ fn check_readings(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Ou
         u_mm: 1.0,
         mean_time_s: 0.0,
     };
-    let measurements: Vec<CheckedMeasurement> = (0..readings.len() / rows).map(measurement).collect();
+    let measurements: Vec<MeasurementToCheck> = (0..readings.len() / rows).map(measurement).collect();
     let solution =
         SolvedModel { measurements: &measurements, ..mean.solved_model_of_full_rank(&fit, has_declared_sizes) };
     let source = UncertaintySource::new("each", ObservationEffect::Independent(vec![1.0; readings.len()]));

@@ -100,6 +100,20 @@ impl Caller {
         self.token.is_some()
     }
 
+    /// # Errors
+    /// The client has no token of a metrologist.
+    pub fn require_metrologist(&self) -> Result<(), Problem> {
+        match &self.token {
+            Some(token) if token.role == Role::Metrologist => Ok(()),
+            _ => Err(Problem::new(
+                StatusCode::FORBIDDEN,
+                "no-metrologist",
+                "only a metrologist may read these values: the control runs a program for it",
+                "use the token of a metrologist, or stop the service and use `trued compensate`",
+            )),
+        }
+    }
+
     /// Whether the client's token is still valid and not revoked.
     pub fn is_token_valid(&self) -> bool {
         let known = || self.access.valid_tokens().unwrap_or_default();

@@ -1,6 +1,6 @@
 //! Page of the values that are proposed from a run for the control.
 
-use axum::extract::{Path, Query, State};
+use axum::extract::{Extension, Path, Query, State};
 use axum::response::Html;
 use minijinja::value::Serde;
 use minijinja::{Value, context};
@@ -11,6 +11,7 @@ use crate::compensation::{
 };
 use crate::report::time::format_local_time;
 use crate::service::http::AppState;
+use crate::service::http::access::Caller;
 use crate::service::http::compensation::{ProposalQuery, TargetQuery};
 use crate::service::http::problem::Problem;
 use crate::setup::{CompensationConfig, MachineFile};
@@ -18,12 +19,13 @@ use crate::store::{CompensationState, Journal, RunId, StoreError, StoredCompensa
 
 pub async fn proposal_page(
     State(app): State<AppState>,
+    Extension(caller): Extension<Caller>,
     Path(run): Path<i64>,
     Query(query): Query<ProposalQuery>,
 ) -> Result<Html<String>, Problem> {
     let machine = app.machine_of_run(run).await?;
     let (source, target) = (query.source(run), query.target.clone());
-    let hashed = app.read_control(&machine, target, move |compensation| compensation.propose(source)).await?;
+    let hashed = app.read_control(&caller, &machine, target, move |compensation| compensation.propose(source)).await?;
     let table = ProposalTable::new(&hashed.proposal);
     render_page(
         "compensation.html",
@@ -44,12 +46,13 @@ pub async fn proposal_page(
 
 pub async fn verification_page(
     State(app): State<AppState>,
+    Extension(caller): Extension<Caller>,
     Path(run): Path<i64>,
     Query(TargetQuery { target }): Query<TargetQuery>,
 ) -> Result<Html<String>, Problem> {
     let machine = app.machine_of_run(run).await?;
     let compare = move |compensation: &MachineCompensation<'_>| compensation.compare_with_prediction(RunId(run));
-    let verification = app.read_control(&machine, target.clone(), compare).await?;
+    let verification = app.read_control(&caller, &machine, target.clone(), compare).await?;
     render_page(
         "verification.html",
         app.access.requires_tokens,
