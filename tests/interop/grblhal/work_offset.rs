@@ -80,7 +80,7 @@ pub fn rotary_centre_is_written_and_restored() -> Result<(), Failed> {
     if !text.contains("programs with G55 are not searched") || !text.contains("Z of B") {
         return Err(text.into());
     }
-    refusal(&trial.write(&hash.replace(['0', '1'], "2"))?, "is not the present one")?;
+    refusal(&trial.write(&hash.replace(['0', '1'], "2"))?, "is not the present proposal")?;
     check_offset(&rig, BEFORE)?;
     let written = trial.write_stdout(&hash)?;
     check_offset(&rig, CORRECTED)?;
