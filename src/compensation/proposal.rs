@@ -8,6 +8,7 @@ use super::targets::open_target;
 use super::values_record::records_same_values;
 use crate::setup::{ControlConfig, MachineFile, MachineFileError};
 use crate::store::{Journal, RunId, StoreError, StoredEstimate, StoredRun, sha256_of_json};
+use machine::Axis;
 use machine::kinematics::{ErrorParameter, KinematicChain};
 use machine::record::estimate::{Estimate, Parameter, Unit, Verdict};
 use machine::record::machine::Machine;
@@ -309,5 +310,38 @@ fn is_corrected(own: &Parameter, proposal: &Proposal) -> bool {
         let RotaryAxisCoordinate { axis, component } = position.coordinate;
         own.symbol == format!("E{component}0{axis}")
     };
-    proposal.positions.iter().any(is_position) || proposal.travels.iter().any(is_scale)
+    // The positions are relative to the axis of the spindle.
+    let is_of_spindle = own.unit == Unit::Um
+        && own.symbol.parse::<ErrorParameter>().is_ok_and(|error| error.axis() == Axis::S)
+        && !proposal.positions.is_empty();
+    is_of_spindle || proposal.positions.iter().any(is_position) || proposal.travels.iter().any(is_scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// A work offset moves C and, with it, the tilting axis B: X of B stays as it is.
+    #[test]
+    fn errors_without_a_value_of_the_control_are_not_corrected() {
+        let position = ProposedPosition {
+            coordinate: RotaryAxisCoordinate { axis: Axis::C, component: Axis::X },
+            present_mm: 0.0,
+            measured_mm: Some(0.05),
+            expanded_mm: Some(0.001),
+            proposed_mm: 0.05,
+            kept: None,
+        };
+        let proposal = Proposal { positions: vec![position], travels: Vec::new(), values: Vec::new(), at_mm: None };
+        let is_corrected = |symbol: &str, unit: &str| {
+            let parameter = json!({"symbol": symbol, "value": 50.0, "unit": unit, "u": 0.5, "U": 1.0, "k": 2.0,
+                "dof": null, "identifiable": true});
+            is_corrected(&serde_json::from_value(parameter).unwrap(), &proposal)
+        };
+        assert!(is_corrected("EX0C", "um") && is_corrected("EX0S", "um"));
+        for (symbol, unit) in [("EX0B", "um"), ("EY0C", "um"), ("EA0C", "urad"), ("EXX1", "um/m")] {
+            assert!(!is_corrected(symbol, unit), "{symbol}");
+        }
+    }
 }

@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::measured_run::{JointCoverage, MeasuredRun};
 
-/// Largest deviation of the tool centre by the control from that of its values, mm. The control prints six decimals of mm
-/// and degrees: 0.02 µm at 1 m from the axis; and the program and the control compute with double precision.
+/// Largest deviation of the tool centre by the control from that of its values, mm: five times what the last printed decimal
+/// of a rotary axis, 1e-6 degrees, moves a point 1 m from the axis.
 const MAX_CONTROL_DEVIATION_MM: f64 = 1e-4;
 
 /// Error of the tool centre at one standstill of the second run.

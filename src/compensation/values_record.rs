@@ -4,7 +4,7 @@ use super::target::TargetError;
 use super::targets::open_target;
 use crate::setup::{CompensationConfig, MachineFile};
 use crate::store::{CompensationState, StoredCompensation, StoredRun};
-use devices::compensation::MAX_READ_BACK_DEVIATION_MM;
+use devices::compensation::are_values_equal;
 use machine::record::event::RunEvent;
 use methods::compensation::ControlValue;
 
@@ -88,7 +88,7 @@ fn describe_differences(values: &[ControlValue], last: &StoredCompensation) -> O
     let differences = last.changes.iter().filter_map(|change| {
         let expected_mm = if is_undone { change.before_mm } else { change.after_mm };
         let present_mm = values.iter().find(|value| value.name == change.name)?.present_mm;
-        let differs = (present_mm - expected_mm).abs() >= MAX_READ_BACK_DEVIATION_MM;
+        let differs = !are_values_equal(present_mm, expected_mm);
         differs.then(|| format!("{} is {present_mm} mm, not {expected_mm} mm", change.name))
     });
     let differences: Vec<String> = differences.collect();

@@ -18,12 +18,13 @@ use super::tool_centre_comparison::{ToolCentreError, tool_centre_errors};
 use super::values_record::records_same_values;
 use crate::setup::MachineFile;
 use crate::store::{CompensationState, Journal, RunId, StoreError, StoredCompensation, StoredRun};
-use devices::compensation::MAX_READ_BACK_DEVIATION_MM;
+use devices::compensation::are_values_equal;
 
 /// Difference of two rotary positions, rad, from which they are other ones: 1°.
 const MIN_POSITION_DIFFERENCE_RAD: f64 = 0.017_453_292_519_943_295;
 /// Minimum number of rotary positions at which only the second run measured.
 const MIN_NEW_POSITIONS: usize = 3;
+
 #[derive(Debug, thiserror::Error)]
 pub enum VerificationError {
     #[error(transparent)]
@@ -161,8 +162,7 @@ fn check_values(
     for (name, expected_mm) in values_before_or_after(&last.changes, true) {
         let present = control.values().iter().find(|value| value.name == name);
         let present_mm = present.map_or(f64::NAN, |value| value.present_mm);
-        let is_equal = (present_mm - expected_mm).abs() < MAX_READ_BACK_DEVIATION_MM;
-        if !is_equal {
+        if !are_values_equal(present_mm, expected_mm) {
             return Err(VerificationError::OtherValue { id: last.id, name, present_mm, expected_mm });
         }
     }

@@ -5,7 +5,7 @@ use crate::store::{
     CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, RunFilter, RunId, StoreError,
     StoredCompensation, UnfinishedCompensation,
 };
-use devices::compensation::{MAX_READ_BACK_DEVIATION_MM, ValueToWrite};
+use devices::compensation::{ValueToWrite, are_values_equal};
 use jiff::{SignedDuration, Timestamp};
 use methods::compensation::ControlModel;
 
@@ -229,7 +229,7 @@ impl CompensationWriter<'_> {
         let present = self.target.read()?;
         for (name, expected_mm) in values_before_or_after(&last.changes, !is_undone) {
             let present_mm = known_value_mm(&present, &name)?;
-            if (present_mm - expected_mm).abs() >= MAX_READ_BACK_DEVIATION_MM {
+            if !are_values_equal(present_mm, expected_mm) {
                 return Err(CompensationWriteError::NotAsWritten { name, present_mm, expected_mm });
             }
         }
@@ -251,8 +251,7 @@ impl CompensationWriter<'_> {
         let present = self.target.read()?;
         for CompensationChange { name, before_mm, after_mm, .. } in changes {
             let present_mm = known_value_mm(&present, name)?;
-            let is_at = |mm: &f64| (present_mm - mm).abs() < MAX_READ_BACK_DEVIATION_MM;
-            if ![before_mm, after_mm].into_iter().any(is_at) {
+            if ![before_mm, after_mm].into_iter().any(|mm| are_values_equal(present_mm, *mm)) {
                 let (name, before_mm, after_mm) = (name.clone(), *before_mm, *after_mm);
                 return Err(CompensationWriteError::ChangedByOther { name, present_mm, before_mm, after_mm });
             }

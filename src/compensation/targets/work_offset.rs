@@ -9,7 +9,7 @@ use super::machine_file_checks::{check_directions, ini_file};
 use crate::compensation::target::{CompensationTarget, TargetError};
 use crate::setup::{ControlConfig, EarlierSessions, MachineFile, SimulationPace, WorkOffsetConfig, open_devices};
 use devices::compensation::program_search::{ProgramSearch, programs_with_slot};
-use devices::compensation::{MAX_READ_BACK_DEVIATION_MM, ValueToWrite};
+use devices::compensation::{ValueToWrite, are_values_equal};
 use devices::controllers::{Controller, ControllerConfig, WorkOffset, WorkOffsetSlot};
 use machine::Axis;
 use machine::kinematics::{KinematicChain, ZParallelTableAxis};
@@ -141,7 +141,7 @@ impl CompensationTarget for WorkOffsetTarget<'_> {
         let read = self.read_offset()?.zero_mm;
         for (axis, written_mm) in zero_mm {
             let read_mm = read.iter().find(|(own, _)| *own == axis).map_or(f64::NAN, |(_, mm)| *mm);
-            if (read_mm - written_mm).abs() >= MAX_READ_BACK_DEVIATION_MM || read_mm.is_nan() {
+            if !are_values_equal(read_mm, written_mm) {
                 return Err(TargetError::ReadBack { name: self.value_name(axis), written_mm, read_mm });
             }
         }

@@ -7,7 +7,7 @@ use machine::Axis;
 use machine::record::machine::AxisSense;
 
 use super::hal_pins::{HalError, HalcmdClient};
-use super::{MAX_READ_BACK_DEVIATION_MM, check_unit_is_mm};
+use super::{are_values_equal, check_unit_is_mm};
 use crate::controllers::ControllerError;
 use crate::controllers::linuxcnc::{IniFile, identity_switchkins_type};
 
@@ -137,7 +137,7 @@ impl TrunnionTarget {
         let own_name =
             name.strip_prefix(self.kinematics_module).and_then(|rest| rest.strip_prefix('.')).unwrap_or(name);
         let read_mm = self.pins.read_component(self.kinematics_module)?.value(own_name)?;
-        let is_equal = text.parse().is_ok_and(|mm: f64| (read_mm - mm).abs() < MAX_READ_BACK_DEVIATION_MM);
+        let is_equal = text.parse().is_ok_and(|mm: f64| are_values_equal(read_mm, mm));
         match is_equal {
             true => Ok(()),
             false => Err(TrunnionError::ReadBackMismatch { pin: name.to_owned(), written: text.to_owned(), read_mm }),

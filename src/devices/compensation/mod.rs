@@ -12,7 +12,12 @@ pub mod program_search;
 
 /// Largest deviation, mm, at which a value counts as equal: half of the last digit of a value below 1000 mm, as
 /// `halcmd` prints seven digits.
-pub const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
+const MAX_READ_BACK_DEVIATION_MM: f64 = 0.5e-4;
+
+/// Whether two values of a control, mm, are equal within its steps; NaN equals nothing.
+pub fn are_values_equal(one_mm: f64, other_mm: f64) -> bool {
+    (one_mm - other_mm).abs() < MAX_READ_BACK_DEVIATION_MM
+}
 
 /// A value to write to a control, mm, with the name that the value has there.
 #[derive(Debug, Clone, Copy)]

@@ -11,7 +11,7 @@ use machine::Axis;
 use self::table_file::TableFile;
 pub use self::table_file::{MotionDirection, TableFileError, TableValue};
 use super::hal_pins::{ComponentPins, HalError, HalcmdClient};
-use super::{MAX_READ_BACK_DEVIATION_MM, ValueToWrite, check_unit_is_mm};
+use super::{ValueToWrite, are_values_equal, check_unit_is_mm};
 use crate::controllers::ControllerError;
 use crate::controllers::linuxcnc::IniFile;
 
@@ -207,9 +207,9 @@ fn check_table_in_effect(
     let active_mm = pins.value("backlash-corr")?;
     let axis = table.axis;
     let is_active = |own: &JointTable| {
-        [MotionDirection::Forward, MotionDirection::Reverse].iter().any(|direction| {
-            (own.correction_mm(*direction, position_mm) - active_mm).abs() < MAX_READ_BACK_DEVIATION_MM
-        })
+        [MotionDirection::Forward, MotionDirection::Reverse]
+            .iter()
+            .any(|direction| are_values_equal(own.correction_mm(*direction, position_mm), active_mm))
     };
     match (is_active(table), other.is_some_and(is_active)) {
         (true, false) => Ok(()),

@@ -126,13 +126,7 @@ impl LinuxCncDriver {
         prepare::check_estop_power_and_homing(&estop, &machine, &homed, &self.settings.axes, joints)?;
         // The reported switches may be outdated. A machine that is off refuses this request.
         program_runner::request_sign_of_life(&mut self.rsh).await?;
-        if self.rsh.get("program_status").await? != "IDLE" {
-            return Err(ControllerError::not_ready(
-                "a program is running",
-                "wait until the program ends, or stop it, then start again",
-            ));
-        }
-        Ok(())
+        state::check_no_program_runs(&mut self.rsh).await
     }
 
     async fn prepare_control(&mut self) -> Result<PreparedControl, ControllerError> {
@@ -343,7 +337,7 @@ impl ControllerDriver for LinuxCncDriver {
         require_prepared(self.is_prepared, self.halt.is_halt_requested())?;
         match self.run_tool_centre_program(&settings).await {
             Ok(reading) => Ok(Some(reading)),
-            Err(error) => Err(self.abort_after_fault(tool_centre_error(error, &settings)).await),
+            Err(error) => Err(self.abort_after_fault(tool_centre_error(error)).await),
         }
     }
 

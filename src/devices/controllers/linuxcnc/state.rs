@@ -74,6 +74,16 @@ pub(super) async fn check_feed_override(rsh: &mut RshClient) -> Result<(), Contr
     ))
 }
 
+pub(super) async fn check_no_program_runs(rsh: &mut RshClient) -> Result<(), ControllerError> {
+    match rsh.get("program_status").await?.as_str() {
+        "IDLE" => Ok(()),
+        _ => Err(ControllerError::not_ready(
+            "a program is running",
+            "wait until the program ends, or stop it, then start again",
+        )),
+    }
+}
+
 /// Checks that a run will execute this program, and not one that another client has opened meanwhile.
 pub(super) async fn check_open_program(rsh: &mut RshClient, program: &str) -> Result<(), ControllerError> {
     let open = rsh.get("program").await?;

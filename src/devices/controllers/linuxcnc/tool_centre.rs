@@ -74,15 +74,14 @@ impl ToolCentreSettings {
     }
 }
 
-/// The error of a reading of the tool centre. A program that ended early has left its modes.
-pub(super) fn tool_centre_error(error: ControllerError, settings: &ToolCentreSettings) -> ControllerError {
+/// The error of a reading of the tool centre. A program that ended early, or wrong commands, have left other modes.
+pub(super) fn tool_centre_error(error: ControllerError) -> ControllerError {
     match error {
         ControllerError::NotReady { state, remedy } => ControllerError::NotReady {
             state: format!("the tool centre was not read: {state}"),
             remedy: format!(
-                "before the machine moves, enter {} and G49: tool centre point control and a tool length may be active; \
-                 then {remedy}",
-                settings.commands.off.0
+                "before the machine moves, switch the kinematics to identity and enter G49: tool centre point control and \
+                 a tool length may be active; then {remedy}"
             ),
         },
         other => other,

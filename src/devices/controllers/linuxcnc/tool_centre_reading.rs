@@ -22,11 +22,12 @@ impl LinuxCncDriver {
         let axes = self.settings.axes.clone();
         let before = state::read_position(&mut self.rsh, &axes).await?;
         let log = self.run_program_without_motion(&settings.program(&self.files.result_log_path())).await?;
+        // Positions show a wrong mode only while a rotary axis is away from zero.
+        check_kinematics_modes(&log.kinematics_values)?;
         state::check_identity_kinematics(&mut self.rsh, &axes).await?;
         let after = state::read_position(&mut self.rsh, &axes).await?;
         arrival::check_position(&before, &after, |axis| arrival::axis_tolerance(axis, None))
             .map_err(arrival::moved_between_blocks_error)?;
-        check_kinematics_modes(&log.kinematics_values)?;
         let ([x, y, z, selected_slot, slot @ ..], AXIS_VALUE_COUNT) =
             (&log.tool_centre_values[..], log.axis_values.len())
         else {

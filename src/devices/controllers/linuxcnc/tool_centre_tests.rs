@@ -47,7 +47,7 @@ async fn moved_machine_and_other_modes_are_faults() {
         let error = read(log, end_x_mm).await.unwrap_err();
         assert!(error.to_string().contains(expected), "{expected}: {error}");
         if let ControllerError::NotReady { remedy, .. } = error {
-            assert!(remedy.contains("enter M429 and G49"), "{remedy}");
+            assert!(remedy.contains("to identity and enter G49"), "{remedy}");
         }
     }
 }

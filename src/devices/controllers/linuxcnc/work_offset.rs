@@ -36,12 +36,7 @@ impl LinuxCncDriver {
         self.is_prepared = false;
         self.refuse_if_halted()?;
         // Other clients keep the right to command while the machine works.
-        if self.rsh.get("program_status").await? != "IDLE" {
-            return Err(ControllerError::not_ready(
-                "a program is running",
-                "wait until the program ends, or stop it, then start again",
-            ));
-        }
+        state::check_no_program_runs(&mut self.rsh).await?;
         check_at_rest(&mut self.rsh).await?;
         self.rsh.acquire_command_right().await?;
         self.check_machine_ready(None).await?;

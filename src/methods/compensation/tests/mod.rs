@@ -2,6 +2,7 @@
 //! machine of paper 4, computed by plain matrix products.
 
 mod travel;
+mod verification;
 mod work_offset;
 
 use nalgebra::{Rotation3, Vector3};

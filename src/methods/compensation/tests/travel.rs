@@ -5,14 +5,14 @@ use nalgebra::Vector3;
 use super::*;
 
 /// A table as LinuxCNC applies it to a joint: the correction is interpolated and added to the position of the motor.
-struct TableOfX {
-    nominal_mm: [f64; 3],
-    trims_mm: [f64; 3],
+pub(super) struct TableOfX {
+    pub(super) nominal_mm: [f64; 3],
+    pub(super) trims_mm: [f64; 3],
 }
 
 impl TableOfX {
     /// Position of the motor for a command.
-    fn motor(&self, commanded: f64) -> f64 {
+    pub(super) fn motor(&self, commanded: f64) -> f64 {
         let [from, middle, to] = self.nominal_mm;
         let [low, between, high] = self.trims_mm;
         let trim = match commanded < middle {
@@ -23,7 +23,7 @@ impl TableOfX {
     }
 
     /// The values as trims, or as actual positions, for both directions of motion.
-    fn model(&self, sign: f64) -> ControlModel {
+    pub(super) fn model(&self, sign: f64) -> ControlModel {
         let mut values = Vec::new();
         let mut entries = Vec::new();
         for (nominal_mm, trim) in self.nominal_mm.into_iter().zip(self.trims_mm) {
