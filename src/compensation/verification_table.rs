@@ -38,8 +38,8 @@ impl VerificationTable {
         let result = match verification.is_confirmed() {
             true => "Result: verified.",
             false => {
-                "Result: not confirmed. Restore the values before (`trued compensate undo`), or find out what has changed \
-                 since the first run. All readings are kept."
+                "Result: not confirmed. Restore the earlier values (page of the machine, or trued compensate undo), or find \
+                 out what has changed since the first run. All readings are kept."
             }
         };
         Self {
@@ -84,12 +84,12 @@ fn describe_tool_centres(tool_centres: &[ToolCentreError]) -> String {
         [steps_where(&|own| !own.follows_from_values()), steps_where(&|own| !own.is_as_predicted())];
     if !deviating.is_empty() {
         text += &format!(
-            " After the steps {} the kinematics of the control did not apply the values as they are: check tool_centre, the \
-             tool-offset pin and the sense of the rotary axes.",
+            " Steps after which the kinematics of the control did not apply the values as they are: {}. Check tool_centre, \
+             the tool-offset pin and the sense of the rotary axes.",
             deviating.join(", ")
         );
     } else if !unpredicted.is_empty() {
-        text += &format!(" After the steps {} the difference exceeds its limit.", unpredicted.join(", "));
+        text += &format!(" Steps after which the difference exceeds its limit: {}.", unpredicted.join(", "));
     }
     text
 }
