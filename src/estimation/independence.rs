@@ -64,8 +64,8 @@ fn extend_basis_if_independent(basis: &mut Vec<DVector<f64>>, column: &[f64], mi
 mod tests {
     use super::*;
 
-    /// Candidates: one in the plane of two known columns, one out of this plane by 3 %, and one that is independent of
-    /// the known columns only.
+    /// Candidates: one in the plane of two known columns, one out of this plane by 3 %, and one that is far out of this
+    /// plane but depends on the known columns and the second candidate together.
     #[test]
     fn columns_out_of_the_known_plane_are_independent() {
         let known = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0]];

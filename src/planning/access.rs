@@ -1,5 +1,5 @@
 //! Accessible touches of a ball at a rotary position. The checks here are simple and conservative; the proof of the
-//! stage makes the final decision.
+//! stage (module `proof`) makes the final decision.
 
 use std::f64::consts::{PI, TAU};
 

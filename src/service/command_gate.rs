@@ -31,7 +31,8 @@ pub(super) struct CommandGateState {
     is_command_in_progress: bool,
     /// The answered prompt and the name of the person who answered, until the run reads them.
     prompt_answer: Option<(OpenPrompt, String)>,
-    /// Result of the rehearsal of each cycle at the start of the service, by cycle number: the whole run, without motion.
+    /// Result of the rehearsal of each cycle at the start of the service, by cycle number. A rehearsal plans and proves the
+    /// whole run without motion.
     rehearsal_results_by_cycle: BTreeMap<u16, RehearsalResult>,
     /// Time at which the last cycle ended.
     last_cycle_end_time: Option<Instant>,

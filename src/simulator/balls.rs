@@ -123,8 +123,9 @@ impl TrueBall {
         self.stem.map_or(best, |stem| best.or_nearer(stem.nearest(from_centre)))
     }
 
-    /// Surface of the ball nearest to a point, given relative to the ball's centre. Solves `from_centre` = r(u)·u +
-    /// distance·normal(u) for the direction u of the perpendicular's foot. On a round ball, u is the direction of the
+    /// Signed distance and outward normal at the point of the ball's surface that is nearest to `from_centre`, a point
+    /// relative to the ball's centre. Solves `from_centre` = r(u)·u + distance·normal(u) for the direction u of the
+    /// nearest point. On a round ball, u is the direction of the
     /// point; for an oval of micrometres, each iteration reduces the error to about a thousandth.
     fn nearest_ball_surface(&self, from_centre: Vector3<f64>) -> NearestSurface {
         let mut direction = unit_vector(from_centre).unwrap_or(Vector3::z());

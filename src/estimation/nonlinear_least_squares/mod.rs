@@ -43,10 +43,10 @@ pub struct NonlinearSolution {
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum NonlinearError {
     #[error(
-        "no convergence after {jacobian_count} Jacobian evaluations: the next step is {step:.1e} standard \
+        "no convergence after {jacobian_count} Jacobian evaluations: the next step is {next_step_in_standard_uncertainties:.1e} standard \
          uncertainties; start nearer to the solution"
     )]
-    NotConverged { jacobian_count: usize, step: f64 },
+    NotConverged { jacobian_count: usize, next_step_in_standard_uncertainties: f64 },
     #[error(transparent)]
     Linear(#[from] LinearError),
 }
@@ -85,11 +85,11 @@ pub fn minimise_squares(
             None if size <= STEP_TOLERANCE => return point.into_solution(factored, jacobian_count),
             None => {
                 factored.require_full_rank()?;
-                return Err(NonlinearError::NotConverged { jacobian_count, step: size });
+                return Err(NonlinearError::NotConverged { jacobian_count, next_step_in_standard_uncertainties: size });
             }
         }
     }
-    Err(NonlinearError::NotConverged { jacobian_count: MAX_JACOBIAN_COUNT, step: size })
+    Err(NonlinearError::NotConverged { jacobian_count: MAX_JACOBIAN_COUNT, next_step_in_standard_uncertainties: size })
 }
 
 struct LeastSquaresModel<R, S> {

@@ -121,7 +121,7 @@ impl<const D: usize> PolarPoints<D> {
         self.residuals.iter().map(|r| r * r).sum::<f64>().sqrt()
     }
 
-    /// Rounding error of the norm, from that of the distances.
+    /// Rounding error of the residual norm, caused by the rounding errors of the distances of the points from the centre.
     fn residual_norm_rounding(&self) -> f64 {
         4.0 * f64::EPSILON * self.radius * (self.residuals.len() as f64).sqrt()
     }

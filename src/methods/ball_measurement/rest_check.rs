@@ -29,8 +29,8 @@ struct Creep {
 /// machine creeps no faster than declared.
 ///
 /// # Errors
-/// The machine still creeps after [`MAX_REST_CHECK_DURATION_RATIO`] times the requested duration. A resumed run starts
-/// the rest check again.
+/// The machine still creeps after [`MAX_REST_CHECK_DURATION_RATIO`] times the requested duration. In a resumed run
+/// the check begins again: rounds before the interruption do not count.
 pub fn needs_rest_check_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
     let watch_s = setup.touch_settings.min_rest_check_s;
     // The watch ends when the measurement begins, also for a resumed run.

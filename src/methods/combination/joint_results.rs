@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::MeasuredRun;
 use super::joint_sources::{JointSource, joint_sources};
-use super::result_rows::{ResultRow, ResultRows};
+use super::parameter_rows::{ParameterRow, ParameterRows};
 
 /// Minimum share of the standard uncertainty of a sum for a parameter to count in the degrees of freedom.
 const MIN_DOF_CONTRIBUTION_SHARE: f64 = 0.01;
@@ -13,7 +13,7 @@ const MIN_DOF_CONTRIBUTION_SHARE: f64 = 0.01;
 pub struct JointResults {
     /// Numbers of the runs, ascending.
     pub runs: Vec<i64>,
-    pub rows: ResultRows,
+    pub rows: ParameterRows,
     pub sources: Vec<JointSource>,
     /// Covariance from all sources that are independent in each run.
     run_specific_covariance: DMatrix<f64>,
@@ -26,7 +26,7 @@ pub struct JointResults {
 impl JointResults {
     /// `runs`: checked, ascending.
     pub fn new(runs: &[MeasuredRun<'_>]) -> Self {
-        let rows = ResultRows::new(runs);
+        let rows = ParameterRows::new(runs);
         let separate = rows.covariance_without_correlation(runs);
         let mut own_covariance = separate.clone();
         for (run_index, run) in runs.iter().enumerate() {
@@ -65,7 +65,7 @@ impl JointResults {
     }
 }
 
-fn dof_of_row(rows: &ResultRows, run: MeasuredRun<'_>, row: &ResultRow) -> f64 {
+fn dof_of_row(rows: &ParameterRows, run: MeasuredRun<'_>, row: &ParameterRow) -> f64 {
     let symbol = &rows.unknowns[row.unknown_index].symbol;
     let parameter = run.estimate.parameters.iter().find(|own| own.symbol == *symbol);
     parameter.and_then(|own| own.dof).unwrap_or(f64::INFINITY)

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use super::MeasuredRun;
-use super::result_rows::ResultRows;
+use super::parameter_rows::ParameterRows;
 use crate::decision::parameter_difference::{SourceOwner, source_owner};
 use machine::record::plan::{Plan, StepKind};
 
@@ -25,7 +25,7 @@ pub struct JointSource {
 
 /// All sources that the runs may share. A statement that differs between the runs does not make a source independent:
 /// the same probe may be stated with another feed, the same bar with another temperature.
-pub fn joint_sources(rows: &ResultRows, runs: &[MeasuredRun<'_>]) -> Vec<JointSource> {
+pub fn joint_sources(rows: &ParameterRows, runs: &[MeasuredRun<'_>]) -> Vec<JointSource> {
     let mut names: Vec<&str> = Vec::new();
     for effect in runs.iter().flat_map(|run| run.source_effects) {
         if !names.contains(&effect.source.as_str()) {
@@ -43,7 +43,7 @@ struct RunEffect {
     changes: DMatrix<f64>,
 }
 
-fn effects_of_runs(rows: &ResultRows, runs: &[MeasuredRun<'_>], source: &str) -> Vec<RunEffect> {
+fn effects_of_runs(rows: &ParameterRows, runs: &[MeasuredRun<'_>], source: &str) -> Vec<RunEffect> {
     let of_run = |(run_index, run): (usize, &MeasuredRun<'_>)| {
         let changes = rows.changes_by_source(run, run_index, source)?;
         (changes.amax() > 0.0).then_some(RunEffect { run_index, changes })
@@ -52,7 +52,7 @@ fn effects_of_runs(rows: &ResultRows, runs: &[MeasuredRun<'_>], source: &str) ->
 }
 
 /// The source of all runs that contain it.
-fn join_effects(rows: &ResultRows, runs: &[MeasuredRun<'_>], name: &str, effects: Vec<RunEffect>) -> JointSource {
+fn join_effects(rows: &ParameterRows, runs: &[MeasuredRun<'_>], name: &str, effects: Vec<RunEffect>) -> JointSource {
     let plan = |effect: &RunEffect| runs[effect.run_index].plan;
     let is_stated_alike = effects.windows(2).all(|pair| is_stated_alike(name, plan(&pair[0]), plan(&pair[1])));
     let is_matched = |pair: &[RunEffect]| {
@@ -75,7 +75,7 @@ fn join_effects(rows: &ResultRows, runs: &[MeasuredRun<'_>], name: &str, effects
 }
 
 /// Whether a source has the same effect on the common parameters of two runs.
-fn has_same_effect(rows: &ResultRows, one: &RunEffect, other: &RunEffect) -> bool {
+fn has_same_effect(rows: &ParameterRows, one: &RunEffect, other: &RunEffect) -> bool {
     let [mut difference, mut size] = [0.0, 0.0];
     for unknown in 0..rows.unknowns.len() {
         let [a, b] = [one, other].map(|effect| rows.row_index(effect.run_index, unknown));

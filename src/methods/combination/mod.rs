@@ -19,7 +19,7 @@ mod estimate;
 mod joint_results;
 mod joint_sources;
 mod least_squares;
-mod result_rows;
+mod parameter_rows;
 #[cfg(test)]
 mod tests;
 
@@ -31,7 +31,7 @@ pub use self::compatibility::CombinationRefusal;
 pub use self::consistency::{Consistency, Disagreement, RunDeviation};
 use self::joint_results::JointResults;
 use self::least_squares::solve_selected_runs;
-use self::result_rows::CombinationUnknown;
+use self::parameter_rows::CombinationUnknown;
 use machine::record::estimate::{Estimate, SourceEffect, Unit};
 use machine::record::plan::Plan;
 

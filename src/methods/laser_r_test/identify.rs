@@ -171,7 +171,7 @@ fn centre_observations(grouped: &GroupedScans, x: &[f64], covariances: Vec<Matri
     groups.map(observation).collect()
 }
 
-/// One measurement for the sphere at each pose.
+/// The measurement of the sphere's centre at each pose, with its residual, for the check for outliers.
 fn pose_measurements_to_check(
     problem: &MachineEquations,
     grouped: &GroupedScans,

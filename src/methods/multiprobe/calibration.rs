@@ -47,7 +47,8 @@ pub fn correct_channel_angles(calibration: &SensorCalibration, layout: &mut Prob
     layout.channels.iter_mut().zip(angles).for_each(|(channel, by)| channel.angle_rad += by);
 }
 
-/// Deviations of the sensors that the measurement determines better than the declaration.
+/// Gain and angle deviations of the sensors whose standard uncertainty from the measurement is clearly below the declared
+/// one (`u_gain`, `u_sensor_angle_deg`).
 pub fn calibration_parameters(
     calibration: &SensorCalibration,
     layout: &ProbeLayout,

@@ -3,7 +3,7 @@
 //! Unknowns, in this order: for each sensor its reading at the origin (mm) and its gradient (mm/mm, table frame);
 //! the curvature of the surface that the sensors measure (1/mm: that of the sphere, or 0 for flat tips); the
 //! sphere's centre in X and Y relative to the nominal axis (mm); for each interruption a step of the sphere (mm,
-//! machine frame); for each stop except the first the displacement of the sphere relative to the nest (mm, table
+//! machine frame); for each stop except the first the displacement of the sphere relative to the sensor nest (mm, table
 //! frame). At the first stop it is zero.
 
 use estimation::schur::BlockRows;

@@ -1,6 +1,6 @@
 //! A serde deserializer of a parsed TOML value. Its error contains the key at fault, the known keys and the location in
 //! the text as separate fields; the error of `toml` has them only in its message. A number that is not finite is
-//! refused here, so that the program contains finite numbers only.
+//! refused here, so that no number from a machine file is infinite or NaN.
 
 use std::borrow::Cow;
 use std::fmt;

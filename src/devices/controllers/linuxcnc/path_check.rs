@@ -7,8 +7,8 @@ use crate::controllers::{ControllerError, arrival};
 use machine::record::motion::Motion;
 use machine::{Axis, Position};
 
-/// Checks that `position` is the end of `motions`. Nothing is checked if the last move is a probing move, which ends at its
-/// contact.
+/// Checks that `position` is the end of `motions`. Checks nothing if the last move is a probing move, because such a move
+/// ends at its contact.
 pub(super) fn check_end_position(motions: &[Motion], position: &Position) -> Result<(), ControllerError> {
     let moving = motions.iter().rev().find(|motion| motion_target(motion).is_some());
     if moving.is_none_or(|last| matches!(last, Motion::Probe { .. })) {

@@ -5,7 +5,7 @@ use crate::service::config::MAX_CYCLES;
 use crate::service::machine_state::{Interlocks, MachineState};
 use machine::record::estimate::{Parameter, Unit, Verdict};
 
-// Coils: written by the control, read back as written.
+// Coils: the control writes them; a read returns the value that the control wrote last.
 pub const START_ENABLED_COIL: u16 = 0;
 pub const AUTO_MODE_COIL: u16 = 1;
 /// 1: the guards are closed.

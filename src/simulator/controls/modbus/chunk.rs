@@ -46,7 +46,7 @@ impl Firmware {
 
     /// Bytes of the chunk, or the error code for which it is refused.
     fn acceptable_chunk_bytes(&self, previous_sequence: u16) -> Result<Vec<u8>, u16> {
-        if self.operating_state != OperatingState::Ready || self.is_moving() {
+        if self.operating_state != OperatingState::Ready || self.is_running() {
             return Err(ERROR_BUSY);
         }
         if !self.is_heartbeat_current(self.time_since_power_up) {

@@ -35,7 +35,7 @@ impl Firmware {
             }
         }
         self.time_since_power_up = now;
-        let done = self.operating_state == OperatingState::Ready && !self.is_moving() && self.error_code == 0;
+        let done = self.operating_state == OperatingState::Ready && !self.is_running() && self.error_code == 0;
         if done && self.frozen_status_block.is_none() {
             self.executed_sequence = self.checked_sequence;
         }

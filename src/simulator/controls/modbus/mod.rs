@@ -188,7 +188,7 @@ impl Firmware {
         self.operating_state = OperatingState::NotReady;
     }
 
-    fn is_moving(&self) -> bool {
+    fn is_running(&self) -> bool {
         let begun = self.resident_program.as_ref().is_some_and(SimulatedResidentProgram::is_running);
         self.operating_state == OperatingState::Ready
             && (begun || self.executor.active_job.is_some() || !self.unstarted_lines.is_empty())

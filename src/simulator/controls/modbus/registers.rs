@@ -27,7 +27,7 @@ impl Firmware {
         }
         let (state, alarm) = match self.operating_state {
             OperatingState::NotReady => (0, 0),
-            OperatingState::Ready if self.is_moving() => (2, 0),
+            OperatingState::Ready if self.is_running() => (2, 0),
             OperatingState::Ready => (1, 0),
             OperatingState::Held(reason) => (3, reason),
             OperatingState::AlarmWithCode(code) => (4, code),

@@ -18,7 +18,7 @@ pub struct CombinationUnknown {
 }
 
 /// One parameter of one run.
-pub struct ResultRow {
+pub struct ParameterRow {
     pub run_index: usize,
     pub unknown_index: usize,
     /// Index in the covariance of the run's estimate.
@@ -26,13 +26,13 @@ pub struct ResultRow {
 }
 
 /// The parameters of all runs. Each value is divided by the scale of its unknown.
-pub struct ResultRows {
+pub struct ParameterRows {
     pub unknowns: Vec<CombinationUnknown>,
-    pub rows: Vec<ResultRow>,
+    pub rows: Vec<ParameterRow>,
     pub values: DVector<f64>,
 }
 
-impl ResultRows {
+impl ParameterRows {
     /// `runs`: checked, ascending. The parameters of the set-up are those of the last run.
     pub fn new(runs: &[MeasuredRun<'_>]) -> Self {
         let (mut unknowns, mut rows, mut values) = (Vec::<CombinationUnknown>::new(), Vec::new(), Vec::new());
@@ -45,7 +45,7 @@ impl ResultRows {
                     unknowns.len() - 1
                 });
                 values.push(value / unknowns[unknown_index].scale);
-                rows.push(ResultRow { run_index, unknown_index, covariance_index });
+                rows.push(ParameterRow { run_index, unknown_index, covariance_index });
             }
         }
         Self { unknowns, rows, values: values.into() }
@@ -57,7 +57,7 @@ impl ResultRows {
 
     /// Row of a parameter in a run.
     pub fn row_index(&self, run_index: usize, unknown_index: usize) -> Option<usize> {
-        let is_wanted = |row: &ResultRow| (row.run_index, row.unknown_index) == (run_index, unknown_index);
+        let is_wanted = |row: &ParameterRow| (row.run_index, row.unknown_index) == (run_index, unknown_index);
         self.rows.iter().position(is_wanted)
     }
 
