@@ -1,12 +1,13 @@
 //! `trued compensate` for the work offset of a control, by a stored run of which C is at (50, −30) µm.
 
-use std::process::Output;
+use std::process::{Command, Output};
 
 use libtest_mimic::Failed;
 
 use crate::linuxcnc::run_workspace::{RunWorkspace, failure_text};
 use crate::support::stored_run::store_run_at;
 use trued::setup::MachineFile;
+use trued::store::{CompensationState, Journal};
 
 pub struct WorkOffsetTrial<'a>(&'a RunWorkspace);
 
@@ -32,7 +33,11 @@ impl<'a> WorkOffsetTrial<'a> {
     }
 
     pub fn write(&self, hash: &str) -> Result<Output, Failed> {
-        self.0.compensate(&["write", "1", "--approve", hash, "--who", "Ada"])
+        Ok(self.write_command(hash).output()?)
+    }
+
+    pub fn write_command(&self, hash: &str) -> Command {
+        self.0.compensate_command(&["write", "1", "--approve", hash, "--who", "Ada"])
     }
 
     pub fn write_stdout(&self, hash: &str) -> Result<String, Failed> {
@@ -41,6 +46,17 @@ impl<'a> WorkOffsetTrial<'a> {
 
     pub fn undo_stdout(&self) -> Result<String, Failed> {
         stdout(self.0.compensate(&["undo", "--who", "Ada"])?)
+    }
+
+    pub fn finish_stdout(&self) -> Result<String, Failed> {
+        stdout(self.0.compensate(&["finish", "--who", "Ada"])?)
+    }
+
+    /// State of the last compensation in the journal.
+    pub fn state(&self) -> Result<Option<CompensationState>, Failed> {
+        let machine = MachineFile::read(&self.0.machine_file_path())?.machine.name;
+        let last = Journal::open(self.0.state_folder())?.last_compensation(&machine, "work-offset")?;
+        Ok(last.map(|last| last.state))
     }
 }
 

@@ -1,8 +1,12 @@
 //! `trued compensate` sets a work offset of grblHAL. The firmware itself reports what it holds, over another connection.
 
+use std::collections::BTreeMap;
+use std::time::Duration;
+
 use libtest_mimic::Failed;
 
 use serde_json::{Value, json};
+use trued::store::CompensationState;
 
 use super::rig::GrblHalRig;
 use crate::linuxcnc::run_workspace::RunWorkspace;
@@ -17,6 +21,8 @@ const RUN_PATH: &str = "/api/v1/runs/1/compensation";
 const MACHINE_PATH: &str = "/api/v1/machines/grblhal-sim5/compensation";
 /// Zero of G55 before, mm and degrees. C is at (-149.95, -100.03).
 const BEFORE: &str = "[G55:-149.900,-100.010,-3.000,0.000,2.000]";
+/// Point on the stated axis C.
+const AXIS_C_POINT_MM: [f64; 3] = [-150.0, -100.0, -360.0];
 const CORRECTED: &str = "[G55:-149.950,-100.030,-3.000,0.000,2.000]";
 
 /// The line of `$#` for G55.
@@ -55,13 +61,64 @@ fn check_page(rig: &GrblHalRig, workspace: &RunWorkspace, hash: &str) -> Result<
     if is_shown && status.contains("-149.95") { Ok(()) } else { Err(format!("{page}\n{status}").into()) }
 }
 
-pub fn rotary_centre_is_written_and_restored() -> Result<(), Failed> {
+fn start_with_slot() -> Result<(GrblHalRig, RunWorkspace), Failed> {
     let rig = GrblHalRig::start_homed(&[])?;
     rig.query("G10 L2 P2 X-149.9 Y-100.01 Z-3 B0 C2")?;
     check_offset(&rig, BEFORE)?;
     let workspace = rig.create_run_workspace(&[("[probe]", &format!("{SLOT_SECTION}{SERVE_SECTION}\n[probe]"))])?;
-    let trial = WorkOffsetTrial::new(&workspace, [-150.0, -100.0, -360.0])?;
     rig.proxy.clear_record();
+    Ok((rig, workspace))
+}
+
+/// Killed after each line of a write: the firmware has the offset before or the new one, and unless the journal states
+/// which, no run starts until `undo` or `finish` ends the write.
+pub fn program_killed_at_any_line_of_a_write_leaves_a_known_state() -> Result<(), Failed> {
+    let (rig, workspace) = start_with_slot()?;
+    let trial = WorkOffsetTrial::new(&workspace, AXIS_C_POINT_MM)?;
+    let (hash, _) = trial.proposal()?;
+    rig.proxy.clear_record();
+    trial.write_stdout(&hash)?;
+    let line_count = rig.proxy.sent_lines().len();
+    trial.undo_stdout()?;
+    let mut states = BTreeMap::new();
+    for killed_at in 1..=line_count {
+        rig.proxy.clear_record();
+        let mut write = trial.write_command(&hash).spawn()?;
+        while rig.proxy.sent_lines().len() < killed_at && write.try_wait()?.is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let _ = write.kill();
+        write.wait()?;
+        let offset = reported_offset(&rig)?;
+        let state = trial.state()?;
+        *states.entry(state.map_or("none", CompensationState::as_str)).or_insert(0) += 1;
+        match state {
+            None | Some(CompensationState::Undone) => check_offset(&rig, BEFORE)?,
+            Some(CompensationState::Written) => check_offset(&rig, CORRECTED)?,
+            Some(CompensationState::Writing) if [BEFORE, CORRECTED].contains(&offset.as_str()) => {
+                refusal(&workspace.start_self_calibration()?.wait_with_output()?, "is unfinished")?;
+                if killed_at % 2 == 0 {
+                    trial.finish_stdout()?;
+                    check_offset(&rig, CORRECTED)?;
+                }
+            }
+            other => return Err(format!("line {killed_at}: {other:?}, {offset}").into()),
+        }
+        if trial.state()?.is_some_and(|state| !state.is_undone()) {
+            trial.undo_stdout()?;
+        }
+        check_offset(&rig, BEFORE)?;
+    }
+    eprintln!("{line_count} lines, states after the kill: {states:?}");
+    match states.contains_key("writing") {
+        true => Ok(()),
+        false => Err(format!("no kill within the write: {states:?}").into()),
+    }
+}
+
+pub fn rotary_centre_is_written_and_restored() -> Result<(), Failed> {
+    let (rig, workspace) = start_with_slot()?;
+    let trial = WorkOffsetTrial::new(&workspace, AXIS_C_POINT_MM)?;
     for (line, undo, expected) in [
         ("G92 X1", "G92.1", "G92 is active"),
         ("G20", "G21", "in inches"),

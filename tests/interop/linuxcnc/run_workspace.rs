@@ -215,9 +215,12 @@ impl RunWorkspace {
 
     /// `trued compensate` with these arguments, for the machine of this workspace.
     pub fn compensate(&self, arguments: &[&str]) -> Result<Output, Failed> {
+        Ok(self.compensate_command(arguments).output()?)
+    }
+
+    pub fn compensate_command(&self, arguments: &[&str]) -> Command {
         let machine = self.machine_file_path().display().to_string();
-        let arguments = [&["compensate"], arguments, &["--machine", &machine]].concat();
-        Ok(self.trued_command_with_journal(&arguments).output()?)
+        self.trued_command_with_journal(&[&["compensate"], arguments, &["--machine", &machine]].concat())
     }
 
     /// Checks the state of the last run in the journal.
