@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::proposal::{ControlProposal, ControlProposalError, propose_for_control};
-use super::target::{CompensationTarget, TargetError};
+use super::target::{CompensationTarget, TargetError, last_compensation};
 use super::targets::open_target;
 use super::verification::{Verification, VerificationError, verify_by_run};
 use super::write::{CompensationWriteError, CompensationWriter};
@@ -136,10 +136,8 @@ impl<'a> MachineCompensation<'a> {
     /// The control or the journal cannot be read.
     pub fn status(&self) -> Result<CompensationStatus, CompensationError> {
         let values = self.target.read()?.values().to_vec();
-        Ok(CompensationStatus {
-            values,
-            last: self.journal.last_compensation(&self.file.machine.name, self.target.kind())?,
-        })
+        let last = last_compensation(self.journal, &self.file.machine.name, &*self.target)?;
+        Ok(CompensationStatus { values, last })
     }
 
     fn writer<'w>(&'w self, lock: &'w MachineLock, who: &'w str) -> CompensationWriter<'w> {

@@ -11,7 +11,7 @@ use machine::kinematics::KinematicsError;
 use methods::compensation::{ControlModel, ControlValue};
 
 use crate::setup::SetupError;
-use crate::store::CompensationChange;
+use crate::store::{CompensationChange, Journal, StoreError, StoredCompensation};
 
 #[derive(Debug, thiserror::Error)]
 pub enum TargetError {
@@ -112,6 +112,11 @@ pub trait CompensationTarget: fmt::Debug {
     /// The control cannot be read, or does not match the machine file.
     fn read(&self) -> Result<ControlModel, TargetError>;
 
+    /// Whether `name` is one of these values by the machine file. Does not read the control.
+    fn has_value(&self, _name: &str) -> bool {
+        true
+    }
+
     /// Refuses a write that would move the machine.
     ///
     /// # Errors
@@ -160,6 +165,20 @@ pub trait CompensationTarget: fmt::Debug {
     fn startup_lines(&self, _values: &[ControlValue]) -> Option<String> {
         None
     }
+}
+
+/// The newest compensation of `machine` that changed values of `target`, or the unfinished one of the same kind.
+///
+/// # Errors
+/// The journal cannot be read.
+pub(super) fn last_compensation(
+    journal: &Journal,
+    machine: &str,
+    target: &dyn CompensationTarget,
+) -> Result<Option<StoredCompensation>, StoreError> {
+    let has_values = |own: &StoredCompensation| own.changes.iter().all(|change| target.has_value(&change.name));
+    let mut of_kind = journal.compensations(machine)?.into_iter().filter(|own| own.target == target.kind());
+    Ok(of_kind.find(|own| own.state.forbids_motion() || has_values(own)))
 }
 
 /// Names and values (mm) of the changes: after the compensation if `is_after`, otherwise before it.

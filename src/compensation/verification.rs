@@ -12,7 +12,7 @@ use super::proposal::{
     ControlProposalError, check_model_is_not_contradicted, check_run_used_present_values, check_same_real_machine,
     last_usable_estimate,
 };
-use super::target::{CompensationTarget, TargetError, values_before_or_after};
+use super::target::{CompensationTarget, TargetError, last_compensation, values_before_or_after};
 use super::targets::needs_control_link;
 use super::tool_centre_comparison::{ToolCentreError, tool_centre_errors};
 use super::values_record::records_same_values;
@@ -112,7 +112,7 @@ pub fn verify_by_run(
     file: &MachineFile,
     target: &dyn CompensationTarget,
 ) -> Result<Verification, VerificationError> {
-    let last = journal.last_compensation(&file.machine.name, target.kind())?;
+    let last = last_compensation(journal, &file.machine.name, target)?;
     let not_written = || VerificationError::NotWritten(file.machine.name.clone());
     let last = last.filter(|last| !last.state.is_undone() && !last.state.forbids_motion()).ok_or_else(not_written)?;
     if !last.can_be_verified_by(run) {

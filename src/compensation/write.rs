@@ -10,7 +10,7 @@ use jiff::{SignedDuration, Timestamp};
 use methods::compensation::ControlModel;
 
 use super::proposal::ControlProposal;
-use super::target::{CompensationTarget, TargetError, values_before_or_after};
+use super::target::{CompensationTarget, TargetError, last_compensation, values_before_or_after};
 
 /// Maximum age of a measurement for a change of the control: after this time the temperatures of the machine differ.
 const MAX_AGE_OF_MEASUREMENT: SignedDuration = SignedDuration::from_hours(24);
@@ -38,7 +38,9 @@ pub enum CompensationWriteError {
     Unfinished(#[from] UnfinishedCompensation),
     #[error("run {0} of this machine can still be resumed: with other values its readings would not be consistent")]
     ResumableRun(RunId),
-    #[error("there is nothing to undo: `{machine}` has no compensation, or its last compensation is undone already")]
+    #[error(
+        "there is nothing to undo: `{machine}` has no compensation of these values, or its last compensation is undone already"
+    )]
     NothingToUndo { machine: String },
     #[error("there is nothing to finish: no compensation of `{machine}` is unfinished")]
     NothingToFinish { machine: String },
@@ -74,7 +76,7 @@ impl CompensationWriteError {
                 "list the values of the control with `trued compensate status`"
             }
             Self::OtherValueNames { .. } => {
-                "state the earlier values in [compensation] of the machine file, then try again"
+                "name the values of the last compensation (file or slot) in [compensation] of the machine file, then try again"
             }
             Self::NotAsWritten { .. } => {
                 "restore the previous values with `trued compensate undo`, or set the value as it was written, then \
@@ -221,7 +223,7 @@ impl CompensationWriter<'_> {
     }
 
     fn last_compensation(&self) -> Result<Option<StoredCompensation>, StoreError> {
-        self.journal.last_compensation(self.lock.machine(), self.target.kind())
+        last_compensation(self.journal, self.lock.machine(), self.target)
     }
 
     fn confirm_restart(&self, last: &StoredCompensation) -> Result<(), CompensationWriteError> {

@@ -203,14 +203,6 @@ impl Journal {
         Ok(self.compensations(machine)?.iter().find_map(StoredCompensation::unfinished))
     }
 
-    /// The newest compensation of these values of `machine`.
-    ///
-    /// # Errors
-    /// The journal cannot be read.
-    pub fn last_compensation(&self, machine: &str, target: &str) -> Result<Option<StoredCompensation>, StoreError> {
-        Ok(self.compensations(machine)?.into_iter().find(|own| own.target == target))
-    }
-
     /// Times at which compensations of `machine` took effect or were undone, oldest first.
     ///
     /// # Errors

@@ -44,8 +44,12 @@ impl<'a> WorkOffsetTrial<'a> {
         stdout(self.write(hash)?)
     }
 
+    pub fn undo(&self) -> Result<Output, Failed> {
+        self.0.compensate(&["undo", "--who", "Ada"])
+    }
+
     pub fn undo_stdout(&self) -> Result<String, Failed> {
-        stdout(self.0.compensate(&["undo", "--who", "Ada"])?)
+        stdout(self.undo()?)
     }
 
     pub fn finish_stdout(&self) -> Result<String, Failed> {
@@ -55,8 +59,8 @@ impl<'a> WorkOffsetTrial<'a> {
     /// State of the last compensation in the journal.
     pub fn state(&self) -> Result<Option<CompensationState>, Failed> {
         let machine = MachineFile::read(&self.0.machine_file_path())?.machine.name;
-        let last = Journal::open(self.0.state_folder())?.last_compensation(&machine, "work-offset")?;
-        Ok(last.map(|last| last.state))
+        let compensations = Journal::open(self.0.state_folder())?.compensations(&machine)?;
+        Ok(compensations.first().map(|newest| newest.state))
     }
 }
 

@@ -124,6 +124,10 @@ impl CompensationTarget for WorkOffsetTarget<'_> {
         Ok(ControlModel::work_offset(values, decimals))
     }
 
+    fn has_value(&self, name: &str) -> bool {
+        self.axis_of(name).is_some()
+    }
+
     /// Each read refuses a machine that moves and a program that runs.
     fn check_writable(&self) -> Result<(), TargetError> {
         self.read_offset().map(drop)

@@ -61,6 +61,37 @@ fn check_page(rig: &GrblHalRig, workspace: &RunWorkspace, hash: &str) -> Result<
     if is_shown && status.contains("-149.95") { Ok(()) } else { Err(format!("{page}\n{status}").into()) }
 }
 
+/// A write to another slot leaves the first one to be undone.
+fn check_each_slot_is_undone(
+    rig: &GrblHalRig,
+    workspace: &RunWorkspace,
+    trial: &WorkOffsetTrial<'_>,
+) -> Result<(), Failed> {
+    let path = workspace.machine_file_path();
+    let with_g55 = std::fs::read_to_string(&path)?;
+    let with_g56 = with_g55.replace("\"G55\"", "\"G56\"");
+    rig.query("G10 L2 P3 X-140 Y-90 Z-3 B0 C2")?;
+    for text in [&with_g55, &with_g56] {
+        std::fs::write(&path, text)?;
+        trial.write_stdout(&trial.proposal()?.0)?;
+    }
+    check_offset(rig, CORRECTED)?;
+    std::fs::write(&path, &with_g55)?;
+    trial.undo_stdout()?;
+    check_offset(rig, BEFORE)?;
+    refusal(&trial.undo()?, "nothing to undo")?;
+    let corrected_g56 = CORRECTED.replace("G55", "G56");
+    let offsets = rig.query("$#")?;
+    if !offsets.contains(&corrected_g56) {
+        return Err(offsets.into());
+    }
+    std::fs::write(&path, &with_g56)?;
+    trial.undo_stdout()?;
+    std::fs::write(&path, &with_g55)?;
+    let offsets = rig.query("$#")?;
+    if offsets.contains("[G56:-140.000,-90.000,-3.000,0.000,2.000]") { Ok(()) } else { Err(offsets.into()) }
+}
+
 fn start_with_slot() -> Result<(GrblHalRig, RunWorkspace), Failed> {
     let rig = GrblHalRig::start_homed(&[])?;
     rig.query("G10 L2 P2 X-149.9 Y-100.01 Z-3 B0 C2")?;
@@ -151,6 +182,7 @@ pub fn rotary_centre_is_written_and_restored() -> Result<(), Failed> {
     }
     check_offset(&rig, BEFORE)?;
     rig.query("G54")?;
+    check_each_slot_is_undone(&rig, &workspace, &trial)?;
     check_page(&rig, &workspace, &hash)?;
     let modes = rig.query("$G")?;
     if !["G91", "G54"].iter().all(|word| modes.contains(word)) {

@@ -55,7 +55,7 @@ fn set_corrections(shop: &CompensationShop, position: f64, x: f64, z: f64) {
 
 fn state(shop: &CompensationShop) -> CompensationState {
     let journal = Journal::open(&shop.shop.state_folder()).unwrap();
-    journal.last_compensation("linuxcnc-sim5", "linuxcnc-joints").unwrap().unwrap().state
+    journal.compensations("linuxcnc-sim5").unwrap()[0].state
 }
 
 /// The second file cannot be replaced: the first one is new as a whole.

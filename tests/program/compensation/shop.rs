@@ -128,7 +128,7 @@ impl CompensationShop {
 
     pub fn state(&self) -> Option<CompensationState> {
         let journal = Journal::open(&self.shop.state_folder()).unwrap();
-        journal.last_compensation("linuxcnc-sim5", "linuxcnc-trunnion").unwrap().map(|last| last.state)
+        journal.compensations("linuxcnc-sim5").unwrap().first().map(|newest| newest.state)
     }
 
     pub fn assert_refused(&self, output: &std::process::Output, expected: &str) {
