@@ -82,17 +82,14 @@ fn render_and_prove_program(
         .iter()
         .map(|stage| StageSteps { step_ids: &stage.steps, found_artefact: stage.found.as_ref() })
         .collect();
-    let (stages, stands, confirmed) = (&staged, None, TouchedDirections::default());
-    let programs = std::slice::from_ref(&text);
     let request = ProofRequest {
         plan,
-        stages,
-        start_position: stands,
-        touched_directions: confirmed,
+        stages: &staged,
+        start_position: None,
+        touched_directions: TouchedDirections::default(),
         dialect: &dialect,
-        programs,
     };
-    let proof = prove_programs(&request).map_err(|refusal| {
+    let proof = prove_programs(&request, std::slice::from_ref(&text)).map_err(|refusal| {
         CommandFailure::new(format!("the collision check refuses the program: {refusal}"), refusal.remedy())
     })?;
     Ok((text, proof))

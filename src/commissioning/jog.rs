@@ -7,7 +7,7 @@ use machine::record::machine::StatedAxis;
 use machine::record::motion::{Motion, MotionBlock};
 use machine::record::question::{AxisDirection, Jog};
 use machine::{Axis, Position};
-use planning::proof::{ProvenBlock, SingleMoveProofRequest, StageProofError, prove_jog, prove_retract};
+use planning::proof::{ProvenBlock, SingleMoveKind, SingleMoveProofRequest, StageProofError, prove_single_move};
 
 /// Feed of a jog, mm/min or degrees/min, slow enough to be watched: a millimetre or a degree takes a second.
 const MAX_JOG_FEED_PER_MIN: f64 = 60.0;
@@ -87,16 +87,15 @@ pub(super) struct ProvenJog {
 /// The jog cannot be rendered, or it comes too close to a body.
 pub(super) fn prove_planned_jog(check: &MachineCheck<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
     let position = check.position.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
-    prove_move(check, position, jog, MoveKind::Jog)
+    prove_move(check, position, jog, SingleMoveKind::Jog)
 }
 
-#[derive(Clone, Copy, PartialEq)]
-enum MoveKind {
-    Jog,
-    Retract,
-}
-
-fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: MoveKind) -> Result<ProvenJog, JogError> {
+fn prove_move(
+    check: &MachineCheck<'_>,
+    position: &Position,
+    jog: &Jog,
+    kind: SingleMoveKind,
+) -> Result<ProvenJog, JogError> {
     let dialect = check.devices.as_ref().map(|devices| &devices.dialect);
     let dialect = dialect.ok_or(ControllerError::DriverTaskEnded)?;
     let axis = jog.axis;
@@ -105,13 +104,14 @@ fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: Mo
     // A jog of a linear axis is guarded; a rotary axis turns at feed. A probing move is impossible while the probe
     // input is closed.
     let motion = match kind {
-        MoveKind::Jog if axis.is_linear() => Motion::Guarded { to: end, feed_mm_min },
+        SingleMoveKind::Jog if axis.is_linear() => Motion::Guarded { to: end, feed_mm_min },
         _ => Motion::BackOff { to: end, feed_mm_min },
     };
     let block = MotionBlock { step: JOG_N_WORD_NUMBER, repeat: 0, motions: vec![motion] };
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
     let plan = setup::plan_without_steps(check.machine_file, "check", serde_json::Value::Null);
     let request = SingleMoveProofRequest {
+        kind,
         plan: &plan,
         start_position: position,
         axis,
@@ -119,8 +119,7 @@ fn prove_move(check: &MachineCheck<'_>, position: &Position, jog: &Jog, kind: Mo
         max_feed_mm_or_deg_per_min: MAX_JOG_FEED_PER_MIN,
         dialect,
     };
-    let prove = if kind == MoveKind::Jog { prove_jog } else { prove_retract };
-    Ok(ProvenJog { block: prove(&request, transmission, &block)?, target_mm_or_rad: to })
+    Ok(ProvenJog { block: prove_single_move(&request, transmission, &block)?, target_mm_or_rad: to })
 }
 
 /// Proves a jog and checks that the machine is still at the start position of the proof: from another start position
@@ -164,7 +163,8 @@ pub(super) async fn run_retract_increment(
     let by = if is_positive { RETRACT_INCREMENT_MM } else { -RETRACT_INCREMENT_MM };
     let rapid = check.machine_file.machine.axes.get(&axis).map_or(MAX_JOG_FEED_PER_MIN, |spec| spec.rapid_per_min);
     let feed_per_min = MAX_JOG_FEED_PER_MIN.min(rapid).min(check.machine_file.probe.search_feed_mm_min);
-    let ProvenJog { block, .. } = prove_move(check, position, &Jog { axis, by, feed_per_min }, MoveKind::Retract)?;
+    let ProvenJog { block, .. } =
+        prove_move(check, position, &Jog { axis, by, feed_per_min }, SingleMoveKind::Retract)?;
     execute_block(check, block).await
 }
 

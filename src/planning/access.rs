@@ -7,10 +7,10 @@ use nalgebra::{Matrix4, Vector3};
 
 use super::PlanningError;
 use super::surroundings::{MIN_TOOL_CLEARANCE_MM, Surroundings};
-use machine::frame::{Point, Pose};
+use machine::frame::Pose;
 use machine::kinematics::KinematicsError;
 use machine::record::artefact::{Artefact, Ball};
-use machine::record::machine::{Carrier, Machine};
+use machine::record::machine::{Carrier, Machine, Probe};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
@@ -38,6 +38,53 @@ const SPREAD_TOUCH_CANDIDATE_COUNT: u32 = 90;
 /// Maximum standard deviation of the fitted centre in its worst direction, relative to that of one touch; with all
 /// five touches it is 1.1.
 const MAX_CENTRE_TO_TOUCH_SD_RATIO: f64 = 3.0;
+
+/// Distance by which a search touch goes beyond the ball's position uncertainty, mm, so that contact always occurs.
+const SEARCH_OVERRUN_MM: f64 = 0.3;
+
+/// Search or measurement of a ball, with the lengths of its touches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum BallTouchMode {
+    /// At the search feed, over a length that finds the ball anywhere within `uncertainty_mm` of its expected position.
+    Search { uncertainty_mm: f64, standoff_mm: f64 },
+    /// At the measuring feed, along the normals of the ball at its found position: from `standoff_mm` before the
+    /// expected contact to `search_mm` beyond it.
+    Measure { standoff_mm: f64, search_mm: f64 },
+}
+
+/// A measurement of one ball to be planned.
+#[derive(Debug, Clone, Copy)]
+pub struct BallMeasurementRequest<'a> {
+    /// The ball with its expected centre, table frame.
+    pub ball: &'a Ball,
+    /// Positions of all rotary axes, and of S if the spindle must be oriented.
+    pub rotary: &'a Position,
+    pub touch_mode: BallTouchMode,
+    /// Number of touches: 5, or more for a check of form; fewer if some are not free, but at least 4.
+    pub touch_count: usize,
+}
+
+impl BallTouchMode {
+    pub(super) fn touch_extent(self) -> TouchExtent {
+        match self {
+            Self::Search { uncertainty_mm, standoff_mm } => TouchExtent {
+                before_mm: uncertainty_mm + standoff_mm,
+                beyond_mm: uncertainty_mm + SEARCH_OVERRUN_MM,
+                max_ball_misplacement_mm: uncertainty_mm,
+            },
+            Self::Measure { standoff_mm, search_mm } => {
+                TouchExtent { before_mm: standoff_mm, beyond_mm: search_mm, max_ball_misplacement_mm: search_mm }
+            }
+        }
+    }
+
+    pub(super) fn feed_mm_min(self, probe: &Probe) -> f64 {
+        match self {
+            Self::Search { .. } => probe.search_feed_mm_min,
+            Self::Measure { .. } => probe.feed_mm_min,
+        }
+    }
+}
 
 /// Name and outward normal of a touch that no obstacle blocks.
 #[derive(Debug, Clone, PartialEq)]
@@ -117,24 +164,26 @@ impl TouchAccess {
         ball.radius_mm + self.stylus_ball_radius_mm
     }
 
-    /// Selects `touch_count` free, well distributed touches of `ball` with the rotary axes as in `rotary`: first the
-    /// pole and the four sides, of which at least three must be free, then others.
-    pub(super) fn select_touches(
+    /// Selects the requested number of free, well distributed touches of a ball: first the pole and the four sides, of
+    /// which at least three must be free, then others.
+    ///
+    /// # Errors
+    /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle.
+    pub fn accessible_touches(
         &self,
-        ball: &Ball,
-        rotary: &Position,
-        extent: TouchExtent,
-        touch_count: usize,
+        request: &BallMeasurementRequest<'_>,
     ) -> Result<Vec<TouchDirection>, BallAccessError> {
+        let BallMeasurementRequest { rotary, touch_mode, touch_count, .. } = *request;
         self.check_rotary_position(rotary)?;
-        let (beyond_mm, uncertainty_mm) = (extent.beyond_mm, self.surroundings.max_artefact_misplacement_mm);
+        let beyond_mm = touch_mode.touch_extent().beyond_mm;
+        let uncertainty_mm = self.surroundings.max_artefact_misplacement_mm;
         // As in the proof, a touch that is too short to meet the ball at every possible position is refused.
         if beyond_mm < uncertainty_mm {
             return Err(BallAccessError::SearchTooShort { beyond_mm, uncertainty_mm });
         }
         let spindle = self.spindle_pose_without_s(rotary)?;
         let normal = |azimuth: f64, elevation: f64| spindle.transform_vector(&unit_direction(azimuth, elevation));
-        let free = |contact: &TouchDirection| self.check_touch_is_free(ball, rotary, contact, extent);
+        let free = |contact: &TouchDirection| self.check_touch_is_free(request, contact);
         let mut blocked = None;
         let mut contacts = Vec::new();
         for (name, azimuth) in SIDE_TOUCH_AZIMUTHS_DEG {
@@ -165,21 +214,19 @@ impl TouchAccess {
         Ok(contacts)
     }
 
-    /// Touches of `ball` along `directions`: azimuth and elevation, degrees, in the spindle frame without the
+    /// Touches of a ball along `directions`: azimuth and elevation, degrees, in the spindle frame without the
     /// rotation of S. The directions give the names.
     pub(super) fn touches_along_directions(
         &self,
-        ball: &Ball,
-        rotary: &Position,
-        extent: TouchExtent,
+        request: &BallMeasurementRequest<'_>,
         directions: &[[f64; 2]],
     ) -> Result<Vec<TouchDirection>, BallAccessError> {
-        self.check_rotary_position(rotary)?;
-        let spindle = self.spindle_pose_without_s(rotary)?;
+        self.check_rotary_position(request.rotary)?;
+        let spindle = self.spindle_pose_without_s(request.rotary)?;
         let contact = |[azimuth, elevation]: &[f64; 2]| {
             let normal = spindle.transform_vector(&unit_direction(*azimuth, *elevation));
             let contact = TouchDirection { name: format!("{azimuth:+}^{elevation}"), normal };
-            self.check_touch_is_free(ball, rotary, &contact, extent)?;
+            self.check_touch_is_free(request, &contact)?;
             Ok(contact)
         };
         directions.iter().map(contact).collect()
@@ -223,22 +270,18 @@ impl TouchAccess {
         normal: Vector3<f64>,
         distance_mm: f64,
     ) -> Result<Position, KinematicsError> {
-        let chain = &self.surroundings.chain;
-        let table = chain.machine_from_table(rotary, &[]).rotation;
+        let table = self.surroundings.chain.machine_from_table(rotary, &[]).rotation;
         let target = Vector3::from(ball.centre_mm) + table.inverse() * normal * distance_mm;
-        let rotary = rotary.filter_axes(|axis| !axis.is_linear());
-        let linear = chain.solve_linear_axes(Point::from_vec(target), self.surroundings.tip, &rotary, &[])?;
-        Ok(rotary.updated_by(&linear))
+        self.surroundings.position_at_table_point(target, rotary)
     }
 
     fn check_touch_is_free(
         &self,
-        ball: &Ball,
-        rotary: &Position,
+        request: &BallMeasurementRequest<'_>,
         contact: &TouchDirection,
-        extent: TouchExtent,
     ) -> Result<(), BallAccessError> {
-        let contact_distance_mm = self.contact_distance_mm(ball);
+        let BallMeasurementRequest { ball, rotary, touch_mode, .. } = *request;
+        let (extent, contact_distance_mm) = (touch_mode.touch_extent(), self.contact_distance_mm(ball));
         let place =
             |distance_mm| self.position_beside_ball(ball, rotary, contact.normal, contact_distance_mm + distance_mm);
         let (from, touched) = (place(extent.before_mm)?, place(0.0)?);

@@ -27,8 +27,7 @@ mod travel_limits;
 mod turn_feeds;
 mod unverified_position_approach;
 
-pub use access::{BallAccessError, TouchAccess, TouchDirection};
-pub use ball::{BallMeasurementRequest, BallTouchMode};
+pub use access::{BallAccessError, BallMeasurementRequest, BallTouchMode, TouchAccess, TouchDirection};
 pub use ball_evaluation::{BallCheckError, BallLimits, MeasuredBall, evaluate_ball};
 pub use ball_order::TravelTimes;
 pub use error::PlanningError;

@@ -14,9 +14,8 @@ use super::surroundings::{Obstacle, Surroundings};
 use super::travel_limits;
 use machine::artefact::BodyShape;
 use machine::frame::unit_vector;
-use machine::kinematics::KinematicsError;
 use machine::record::machine::Machine;
-use machine::{Axis, Position, frame::Point};
+use machine::{Axis, Position};
 
 /// Maximum angle of a path around the ball, rad; with a larger angle, the corner is so far out that a path over the
 /// ball is as short.
@@ -95,7 +94,8 @@ fn reachable_position_beside_ball(
     rotary: &Position,
     off: Vector3<f64>,
 ) -> Option<Position> {
-    let place = surroundings.position_at_offset(ball, rotary, off).ok()?;
+    let table = surroundings.chain.machine_from_table(rotary, &[]).rotation;
+    let place = surroundings.position_at_table_point(ball.centre + table.transpose() * off, rotary).ok()?;
     travel_limits::is_position_within_limits(&place.filter_axes(Axis::is_linear), machine).then_some(place)
 }
 
@@ -138,22 +138,5 @@ impl Surroundings {
     fn tip_offset_in_machine_directions(&self, ball: &ArtefactBall, at: &Position) -> Vector3<f64> {
         let table = self.chain.machine_from_table(at, &[]).rotation;
         table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
-    }
-
-    /// Position at which the stylus ball is at `off` from a ball, with the rotary axes as in `rotary`.
-    ///
-    /// # Errors
-    /// The linear axes of the machine do not span space.
-    fn position_at_offset(
-        &self,
-        ball: &ArtefactBall,
-        rotary: &Position,
-        off: Vector3<f64>,
-    ) -> Result<Position, KinematicsError> {
-        let rotary = rotary.filter_axes(|axis| !axis.is_linear());
-        let table = self.chain.machine_from_table(&rotary, &[]).rotation;
-        let target = Point::from_vec(ball.centre + table.transpose() * off);
-        let linear = self.chain.solve_linear_axes(target, self.tip, &rotary, &[])?;
-        Ok(rotary.updated_by(&linear))
     }
 }

@@ -10,7 +10,7 @@ use super::obstacle_body::ObstacleBody;
 use super::tool_parts::{ToolPart, sensor_range_as_tool_part, tool_parts};
 use machine::artefact;
 use machine::frame::{Point, Pose, SpindleFrame};
-use machine::kinematics::{CarrierChain, KinematicChain, MachineSide};
+use machine::kinematics::{CarrierChain, KinematicChain, KinematicsError, MachineSide};
 use machine::record::artefact::Artefact;
 use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
@@ -72,17 +72,12 @@ impl Surroundings {
         let chain = KinematicChain::new(&plan.machine)?;
         let uncertainty_mm = artefact::max_misplacement_mm(artefact);
         let (mut obstacles, mut carriers) = (Vec::new(), Vec::new());
-        let mut add = |name: &str, on: Carrier, body: ObstacleBody, is_artefact: bool| {
+        let mut add = |name: &str, on: Carrier, body: ObstacleBody, is_artefact_part: bool| {
             if let Some(carried) = chain.carrier_chain(on).filter(|on| on.side != MachineSide::Tool) {
                 let carrier_index = find_or_add_carrier(&mut carriers, carried);
-                let (name, uncertainty_mm) = (name.to_owned(), if is_artefact { uncertainty_mm } else { 0.0 });
-                obstacles.push(Obstacle {
-                    name,
-                    carrier_index,
-                    body,
-                    is_artefact_part: is_artefact,
-                    max_misplacement_mm: uncertainty_mm,
-                });
+                let max_misplacement_mm = if is_artefact_part { uncertainty_mm } else { 0.0 };
+                let name = name.to_owned();
+                obstacles.push(Obstacle { name, carrier_index, body, is_artefact_part, max_misplacement_mm });
             }
         };
         for part in artefact::artefact_bodies(artefact) {
@@ -118,6 +113,21 @@ impl Surroundings {
             max_artefact_misplacement_mm: uncertainty_mm,
             max_z,
         })
+    }
+
+    /// Position at which the centre of the stylus ball is at `target_mm`, table frame, with the rotary axes as in
+    /// `rotary`.
+    ///
+    /// # Errors
+    /// The linear axes of the machine do not span space.
+    pub fn position_at_table_point(
+        &self,
+        target_mm: Vector3<f64>,
+        rotary: &Position,
+    ) -> Result<Position, KinematicsError> {
+        let rotary = rotary.filter_axes(|axis| !axis.is_linear());
+        let linear = self.chain.solve_linear_axes(Point::from_vec(target_mm), self.tip, &rotary, &[])?;
+        Ok(rotary.updated_by(&linear))
     }
 
     /// Centre of the stylus ball, machine frame.

@@ -15,7 +15,7 @@ use machine::record::reading::{Reading, ReadingFlag};
 use machine::record::stage_proof::StageProof;
 use methods::{Method, NextStage, ObjectPositionSource};
 use planning::gcode::{Dialect, TransmissionForm};
-use planning::proof::{ProvenBlock, StageProofError, StageProofRequest, StageSteps, prove_blocks};
+use planning::proof::{ProofRequest, ProvenBlock, StageProofError, StageSteps, prove_blocks};
 use planning::{
     BlockStart, SafeHeights, TouchedDirections, machine_time_s, position_after_motions, split_prompts, step_blocks,
 };
@@ -228,18 +228,14 @@ fn plan_and_prove_blocks(
     let blocks: Vec<MotionBlock> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
     let (_, moves) = split_prompts(plan, &stage.steps)?;
     let stages = [StageSteps { step_ids: moves, found_artefact }];
-    let (stages, start_position, confirmed) =
-        (&stages, stage_start.position.as_ref(), stage_start.confirmed_directions);
-    let request = StageProofRequest {
+    let request = ProofRequest {
         plan,
-        stages,
-        start_position,
-        touched_directions: confirmed,
+        stages: &stages,
+        start_position: stage_start.position.as_ref(),
+        touched_directions: stage_start.confirmed_directions,
         dialect,
-        transmission,
-        blocks: &blocks,
     };
-    let (proof, proven) = prove_blocks(&request).map_err(|unproven| {
+    let (proof, proven) = prove_blocks(&request, transmission, &blocks).map_err(|unproven| {
         let stage = stage.name.clone();
         match unproven {
             StageProofError::Render(source) => RunError::ProgramNotWritable { stage, source },

@@ -115,11 +115,11 @@ fn ball_visit_steps(
     for (number, (rotary, balls)) in visits.iter().enumerate() {
         for ball in balls {
             for mode in passes {
-                let numbers = (steps.len() as u32, 0);
+                let first = steps.len() as u32;
                 let label = |touch: &str| format!("slow/{:03}/{}/{touch}", number + 1, ball + 1);
                 let request = ball_measurement_request(plan, *ball, rotary, *mode);
-                let new = access.touch_steps(&request, &plan.probe, StepKind::Touch, numbers, label);
-                steps.extend(new.unwrap());
+                let new = access.touch_steps(&request, &plan.probe, StepKind::Touch, label);
+                steps.extend(new.unwrap().into_iter().map(|step| Step { id: first + step.id, ..step }));
             }
         }
     }
@@ -332,16 +332,14 @@ fn prove(
     let dialect = Dialect::from_name("linuxcnc").unwrap();
     let text =
         dialect.render_program(&HeadAndFootValues { title: "t", axes: &axes, result_log_path: None }, blocks).unwrap();
-    let (confirmed, dialect) = (confirmed_directions(stands), &dialect);
-    let programs = std::slice::from_ref(&text);
-    let proof = prove_programs(&ProofRequest {
+    let request = ProofRequest {
         plan,
         stages,
         start_position: stands,
-        touched_directions: confirmed,
-        dialect,
-        programs,
-    });
+        touched_directions: confirmed_directions(stands),
+        dialect: &dialect,
+    };
+    let proof = prove_programs(&request, std::slice::from_ref(&text));
     let refused = |refusal: planning::proof::ProofRefusal| {
         let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
         format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))

@@ -133,7 +133,7 @@ impl MeasurementSetup<'_> {
         kind: StepKind,
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, MethodRefusal> {
-        access.touch_steps(request, &self.plan.probe, kind, (0, 0), label).map_err(|reason| {
+        access.touch_steps(request, &self.plan.probe, kind, label).map_err(|reason| {
             let remedy = match reason {
                 BallAccessError::SearchTooLong { .. } => format!(
                     "lower uncertainty_mm of [artefact] ({} mm): place the artefact closer to centre_mm, or \

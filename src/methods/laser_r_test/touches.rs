@@ -58,5 +58,5 @@ pub fn ball_touch_steps(
         touch_count: TOUCHES_PER_MEASUREMENT,
     };
     let label = |touch: &str| format!("{}/{touch}", request.label);
-    access.touch_steps(&ball_request, &setup.plan.probe, kind, (0, 0), label).map_err(|why| refused(why.to_string()))
+    access.touch_steps(&ball_request, &setup.plan.probe, kind, label).map_err(|why| refused(why.to_string()))
 }

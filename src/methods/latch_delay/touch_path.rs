@@ -182,7 +182,7 @@ fn ball_touch(
         let mode = BallTouchMode::Search { uncertainty_mm: half_travel_mm, standoff_mm: STANDOFF_MM };
         let request =
             BallMeasurementRequest { ball, rotary: &rotary, touch_mode: mode, touch_count: CANDIDATE_TOUCHES_PER_BALL };
-        let steps = access.touch_steps(&request, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
+        let steps = access.touch_steps(&request, &plan.probe, StepKind::Touch, str::to_owned);
         match steps {
             Ok(steps) => {
                 let along = |step: &Step| Vector3::from(step.normal).dot(&preferred);

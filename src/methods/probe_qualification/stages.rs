@@ -53,7 +53,7 @@ fn search_steps(setup: &QualificationSetup<'_>) -> Result<Vec<Step>, MethodRefus
         let request =
             BallMeasurementRequest { ball, rotary: &rotary, touch_mode: mode, touch_count: SEARCH_TOUCHES_PER_BALL };
         let label = |touch: &str| format!("{SEARCH_LABEL_PREFIX}/{}/{touch}", ball.id);
-        let new = access.touch_steps(&request, &setup.plan.probe, StepKind::Touch, (0, 0), label);
+        let new = access.touch_steps(&request, &setup.plan.probe, StepKind::Touch, label);
         steps.extend(new.map_err(|reason| unreachable_refusal(ball, &reason))?);
     }
     Ok(steps)

@@ -23,9 +23,19 @@ const MAX_JOG_LENGTH_MM_OR_DEG: f64 = 10.0;
 /// Maximum length of a retract, mm.
 const MAX_RETRACT_LENGTH_MM: f64 = 2.0;
 
+/// Kind of a move whose text is proven on its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SingleMoveKind {
+    /// A slow move that approaches no body, whichever axis the drives may actually move.
+    Jog,
+    /// A short slow feed move of a linear axis that approaches no declared body except those in contact at the start.
+    Retract,
+}
+
 /// The move that a text must contain.
 #[derive(Debug, Clone, Copy)]
 pub struct SingleMoveProofRequest<'a> {
+    pub kind: SingleMoveKind,
     /// Machine, probe and bodies.
     pub plan: &'a Plan,
     /// Positions of all axes.
@@ -38,75 +48,55 @@ pub struct SingleMoveProofRequest<'a> {
     pub dialect: &'a Dialect,
 }
 
-/// Renders a jog for its transmission, and proves that it moves this axis alone, to this target, slowly, and
-/// without a collision.
+/// Renders a jog or retract for its transmission, and proves that it moves this axis alone, to this target, as
+/// [`SingleMoveKind`] requires.
 ///
 /// # Errors
-/// The jog cannot be rendered; the first line that is wrong; the bodies that would come too near.
-pub fn prove_jog(
+/// The move cannot be rendered; the first line that is wrong; the bodies that would come too near.
+pub fn prove_single_move(
     request: &SingleMoveProofRequest<'_>,
     transmission: &TransmissionForm,
     block: &MotionBlock,
-) -> Result<ProvenBlock, StageProofError> {
-    prove_single_move(request, transmission, block, check_jog)
-}
-
-/// Renders a retract for its transmission, and proves that it moves this linear axis alone, to this target, by a
-/// short slow feed move, and that it approaches no declared body except those in contact at the start.
-///
-/// # Errors
-/// The errors of [`prove_jog`].
-pub fn prove_retract(
-    request: &SingleMoveProofRequest<'_>,
-    transmission: &TransmissionForm,
-    block: &MotionBlock,
-) -> Result<ProvenBlock, StageProofError> {
-    prove_single_move(request, transmission, block, check_retract)
-}
-
-type MinClearanceResult = Result<Option<Clearance>, ProofRefusal>;
-
-fn prove_single_move(
-    request: &SingleMoveProofRequest<'_>,
-    transmission: &TransmissionForm,
-    block: &MotionBlock,
-    check: fn(&SingleMoveProofRequest<'_>, &[String]) -> MinClearanceResult,
 ) -> Result<ProvenBlock, StageProofError> {
     let axes: Vec<Axis> = request.plan.machine.axes.keys().copied().collect();
     let blocks = std::slice::from_ref(block);
     let sent = request.dialect.render_for_transmission(transmission, &axes, blocks)?;
-    check(request, &sent.programs_to_read_back)?;
+    check_single_move(request, &sent.programs_to_read_back)?;
     read_back_block(block, request.start_position.clone(), request.dialect, transmission, sent)
 }
 
-/// Checks the line of a jog against its request and the bodies. Returns the smallest clearance, if there are bodies.
-pub(super) fn check_jog(request: &SingleMoveProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
-    let motion = read_single_move(request, programs)?;
-    let refusal = |reason: RefusalReason| reason.at_line(motion.line);
-    check_single_axis_move(request, &motion, MAX_JOG_LENGTH_MM_OR_DEG)
-        .and_then(|()| check_guard_and_feed(request, &motion))
-        .map_err(refusal)?;
-    check_clearance_of_any_axis(request, &motion).map_err(refusal)
+/// Checks the line of a move against its request and the bodies. Returns the smallest clearance, if there are bodies.
+pub(super) fn check_single_move(
+    request: &SingleMoveProofRequest<'_>,
+    programs: &[String],
+) -> Result<Option<Clearance>, ProofRefusal> {
+    let motions = read_back_programs(request.dialect, programs)?;
+    let [motion] = motions.as_slice() else {
+        return Err(RefusalReason::MotionCountIsNotOne(motions.len()).at_line(1));
+    };
+    let checked = match request.kind {
+        SingleMoveKind::Jog => check_jog(request, motion),
+        SingleMoveKind::Retract => check_retract(request, motion),
+    };
+    checked.map_err(|reason| reason.at_line(motion.line))
 }
 
-/// Checks a retract, like [`check_jog`].
-pub(super) fn check_retract(request: &SingleMoveProofRequest<'_>, programs: &[String]) -> MinClearanceResult {
-    let motion = read_single_move(request, programs)?;
-    let refusal = |reason: RefusalReason| reason.at_line(motion.line);
-    check_single_axis_move(request, &motion, MAX_RETRACT_LENGTH_MM).map_err(refusal)?;
+type MinClearanceResult = Result<Option<Clearance>, RefusalReason>;
+
+fn check_jog(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> MinClearanceResult {
+    check_single_axis_move(request, motion, MAX_JOG_LENGTH_MM_OR_DEG)?;
+    check_guard_and_feed(request, motion)?;
+    check_clearance_of_any_axis(request, motion)
+}
+
+fn check_retract(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> MinClearanceResult {
+    check_single_axis_move(request, motion, MAX_RETRACT_LENGTH_MM)?;
     if motion.kind != MotionKind::Feed || !request.axis.is_linear() {
-        return Err(refusal(RefusalReason::InvalidRetract));
+        return Err(RefusalReason::InvalidRetract);
     }
     let max_feed = request.max_feed_mm_or_deg_per_min.min(request.plan.probe.search_feed_mm_min);
-    motion_rules::check_max_feed("the retract", &motion, max_feed).map_err(refusal)?;
-    check_no_body_is_approached(request, &motion).map_err(refusal)
-}
-
-fn read_single_move(request: &SingleMoveProofRequest<'_>, programs: &[String]) -> Result<ReadMotion, ProofRefusal> {
-    let motions = read_back_programs(request.dialect, programs)?;
-    <[ReadMotion; 1]>::try_from(motions)
-        .map(|[motion]| motion)
-        .map_err(|motions| RefusalReason::MotionCountIsNotOne(motions.len()).at_line(1))
+    motion_rules::check_max_feed("the retract", motion, max_feed)?;
+    check_no_body_is_approached(request, motion)
 }
 
 /// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
@@ -150,10 +140,7 @@ fn check_guard_and_feed(request: &SingleMoveProofRequest<'_>, motion: &ReadMotio
 }
 
 /// Checks the clearance for every axis that the drives may actually move.
-fn check_clearance_of_any_axis(
-    request: &SingleMoveProofRequest<'_>,
-    motion: &ReadMotion,
-) -> Result<Option<Clearance>, RefusalReason> {
+fn check_clearance_of_any_axis(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> MinClearanceResult {
     let SingleMoveProofRequest { plan, start_position: position, axis, .. } = *request;
     let scene = CollisionScene::new(plan, &plan.artefact)?;
     let from = motion_rules::axis_commands(&plan.machine, position)?;
@@ -177,10 +164,7 @@ fn check_clearance_of_any_axis(
 }
 
 /// Checks that no declared body is approached, at the assumed position of the machine.
-fn check_no_body_is_approached(
-    request: &SingleMoveProofRequest<'_>,
-    motion: &ReadMotion,
-) -> Result<Option<Clearance>, RefusalReason> {
+fn check_no_body_is_approached(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> MinClearanceResult {
     let SingleMoveProofRequest { plan, start_position: position, axis, target_mm_or_rad: to, .. } = *request;
     let scene = CollisionScene::new(plan, &plan.artefact)?;
     let joint_path = JointPath {

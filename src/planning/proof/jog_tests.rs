@@ -1,31 +1,21 @@
 //! Proofs of a jog: its text, and bodies whose distances are computed by hand.
 
-use super::jog::{check_jog, check_retract};
+use super::jog::check_single_move;
 use super::tests::{cylinder_touch_plan, position_beside_part};
-use super::{ProofRefusal, RefusalReason, SingleMoveProofRequest};
+use super::{RefusalReason, SingleMoveKind, SingleMoveProofRequest};
 use crate::gcode::Dialect;
 use machine::record::plan::Plan;
 use machine::record::stage_proof::Clearance;
 use machine::{Axis, Position};
 
-type MinClearanceResult<E> = Result<Option<Clearance>, E>;
+type MinClearanceResult = Result<Option<Clearance>, RefusalReason>;
 
-fn prove_jog_lines(
-    plan: &Plan,
-    lines: &str,
-    target: (Axis, f64),
-    position: &Position,
-) -> MinClearanceResult<RefusalReason> {
-    check_lines(plan, lines, target, position, check_jog)
+fn prove_jog_lines(plan: &Plan, lines: &str, target: (Axis, f64), position: &Position) -> MinClearanceResult {
+    check_lines(plan, lines, target, position, SingleMoveKind::Jog)
 }
 
-fn prove_retract_lines(
-    plan: &Plan,
-    lines: &str,
-    target: (Axis, f64),
-    position: &Position,
-) -> MinClearanceResult<RefusalReason> {
-    check_lines(plan, lines, target, position, check_retract)
+fn prove_retract_lines(plan: &Plan, lines: &str, target: (Axis, f64), position: &Position) -> MinClearanceResult {
+    check_lines(plan, lines, target, position, SingleMoveKind::Retract)
 }
 
 fn check_lines(
@@ -33,12 +23,13 @@ fn check_lines(
     lines: &str,
     (axis, to): (Axis, f64),
     position: &Position,
-    check: fn(&SingleMoveProofRequest<'_>, &[String]) -> MinClearanceResult<ProofRefusal>,
-) -> MinClearanceResult<RefusalReason> {
+    kind: SingleMoveKind,
+) -> MinClearanceResult {
     let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}\n");
     let to = axis.to_mm_or_rad(to);
     let request = SingleMoveProofRequest {
+        kind,
         plan,
         start_position: position,
         axis,
@@ -46,7 +37,7 @@ fn check_lines(
         max_feed_mm_or_deg_per_min: 60.0,
         dialect: &dialect,
     };
-    check(&request, &[text]).map_err(|refusal| refusal.reason)
+    check_single_move(&request, &[text]).map_err(|refusal| refusal.reason)
 }
 
 #[test]

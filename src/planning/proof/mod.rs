@@ -66,8 +66,8 @@ mod tests;
 #[cfg(test)]
 mod unverified_position_rules_tests;
 
-pub use jog::{SingleMoveProofRequest, prove_jog, prove_retract};
-pub use proven_blocks::{AlteredBlockError, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks};
+pub use jog::{SingleMoveKind, SingleMoveProofRequest, prove_single_move};
+pub use proven_blocks::{AlteredBlockError, ProvenBlock, ProvenUnit, StageProofError, prove_blocks};
 pub use proven_mode_text::{ProvenModeText, render_and_prove_mode_text};
 pub use refusal::{ProofRefusal, RefusalReason};
 
@@ -83,7 +83,7 @@ use proven_blocks::read_back_programs;
 /// Minimum clearance of rapids and turning axes from everything, mm.
 pub const MIN_UNGUARDED_CLEARANCE_MM: f64 = 2.0;
 
-/// A text, and the steps that it must contain.
+/// The steps that a text must contain, and the state in which it begins.
 #[derive(Debug, Clone, Copy)]
 pub struct ProofRequest<'a> {
     pub plan: &'a Plan,
@@ -95,8 +95,6 @@ pub struct ProofRequest<'a> {
     /// Directions in which touches have met the part since the machine was prepared.
     pub touched_directions: TouchedDirections,
     pub dialect: &'a Dialect,
-    /// Programs that are executed one after the other; each sets the modes that it needs.
-    pub programs: &'a [String],
 }
 
 /// The steps of one stage.
@@ -108,12 +106,13 @@ pub struct StageSteps<'a> {
     pub found_artefact: Option<&'a Artefact>,
 }
 
-/// Proves that the programs contain exactly the steps of their stages, and that no bodies collide.
+/// Proves that `programs` contain exactly the steps of the stages, and that no bodies collide. The programs are executed
+/// one after the other; each sets the modes that it needs.
 ///
 /// # Errors
 /// The first line that is wrong or cannot be proven.
-pub fn prove_programs(request: &ProofRequest<'_>) -> Result<StageProof, ProofRefusal> {
-    prove_read_motions(request, read_back_programs(request.dialect, request.programs)?)
+pub fn prove_programs(request: &ProofRequest<'_>, programs: &[String]) -> Result<StageProof, ProofRefusal> {
+    prove_read_motions(request, read_back_programs(request.dialect, programs)?)
 }
 
 /// Like [`prove_programs`], for programs that were read back already.

@@ -3,28 +3,13 @@
 use sha2::{Digest as _, Sha256};
 
 use super::refusal::{ProofRefusal, RefusalReason};
-use super::{ProofRequest, StageSteps, prove_read_motions};
+use super::{ProofRequest, prove_read_motions};
 use crate::gcode::rs274::ReadMotion;
 use crate::gcode::{Dialect, ReadBackMismatch, RenderError, TransmissionForm, TransmissionText, TransmissionUnit};
-use crate::{TouchedDirections, motion_target};
+use crate::motion_target;
 use machine::record::motion::{Motion, MotionBlock};
-use machine::record::plan::Plan;
 use machine::record::stage_proof::StageProof;
 use machine::{Axis, Position};
-
-/// Blocks to be proven, the steps that they must contain, and the form in which they are sent.
-#[derive(Debug, Clone, Copy)]
-pub struct StageProofRequest<'a> {
-    pub plan: &'a Plan,
-    pub stages: &'a [StageSteps<'a>],
-    /// As in [`ProofRequest`].
-    pub start_position: Option<&'a Position>,
-    pub touched_directions: TouchedDirections,
-    pub dialect: &'a Dialect,
-    pub transmission: &'a TransmissionForm,
-    /// The motions that the text must contain, in order.
-    pub blocks: &'a [MotionBlock],
-}
 
 /// Error: a stage has no proven blocks. Nothing has moved.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -119,28 +104,22 @@ impl ProvenBlock {
     }
 }
 
-/// Renders the blocks of a stage as they are sent, proves that this text moves nothing into a body, and returns it.
+/// Renders the blocks of the stages as they are sent, proves that this text moves nothing into a body, and returns it.
+/// `blocks`: the motions that the text must contain, in order.
 ///
 /// # Errors
 /// A block cannot be rendered; the first line that is wrong or cannot be proven.
-pub fn prove_blocks(request: &StageProofRequest<'_>) -> Result<(StageProof, Vec<ProvenBlock>), StageProofError> {
-    let StageProofRequest {
-        plan,
-        stages,
-        start_position: position,
-        touched_directions: confirmed,
-        dialect,
-        transmission,
-        blocks,
-    } = *request;
-    let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
+pub fn prove_blocks(
+    request: &ProofRequest<'_>,
+    transmission: &TransmissionForm,
+    blocks: &[MotionBlock],
+) -> Result<(StageProof, Vec<ProvenBlock>), StageProofError> {
+    let dialect = request.dialect;
+    let axes: Vec<Axis> = request.plan.machine.axes.keys().copied().collect();
     let sent = dialect.render_for_transmission(transmission, &axes, blocks)?;
     let read = read_back_programs(dialect, &sent.programs_to_read_back)?;
-    let programs = &sent.programs_to_read_back;
-    let request =
-        ProofRequest { plan, stages, start_position: position, touched_directions: confirmed, dialect, programs };
-    let proof = prove_read_motions(&request, read.clone())?;
-    let start_position = position.cloned().unwrap_or_default();
+    let proof = prove_read_motions(request, read.clone())?;
+    let start_position = request.start_position.cloned().unwrap_or_default();
     Ok((proof, assign_motions_to_units(dialect, blocks, transmission, sent, read, start_position)?))
 }
 

@@ -50,15 +50,14 @@ pub(super) fn prove_lines_with_touched_directions(
     let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
     let stages = [StageSteps { step_ids: &[0], found_artefact: None }];
-    let programs = &[text];
-    prove_programs(&ProofRequest {
+    let request = ProofRequest {
         plan,
         stages: &stages,
         start_position: position,
         touched_directions: confirmed,
         dialect: &dialect,
-        programs,
-    })
+    };
+    prove_programs(&request, &[text])
 }
 
 /// Reason for which the first lines are refused; `None` if the only fault is the missing touch.
@@ -333,17 +332,15 @@ fn prompt_is_one_m0_and_makes_the_position_unknown() {
     let dialect = Dialect::from_name("grbl").unwrap();
     let proven = |lines: &str| {
         let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
-        let (stages, position) = ([StageSteps { step_ids: &[1, 0], found_artefact: None }], position_beside_part());
-        let (stages, position) = (stages.as_slice(), Some(&position));
-        let (dialect, programs, confirmed) = (&dialect, [text], TouchedDirections::all());
-        prove_programs(&ProofRequest {
+        let start_position = position_beside_part();
+        let request = ProofRequest {
             plan: &plan,
-            stages,
-            start_position: position,
-            touched_directions: confirmed,
-            dialect,
-            programs: &programs,
-        })
+            stages: &[StageSteps { step_ids: &[1, 0], found_artefact: None }],
+            start_position: Some(&start_position),
+            touched_directions: TouchedDirections::all(),
+            dialect: &dialect,
+        };
+        prove_programs(&request, &[text])
     };
     let slow = TOUCH_PROGRAM.split_once('\n').unwrap().1.replace("F1500", "F300");
     // After the stop, the position is unknown: the program must move all axes, with the careful rules.

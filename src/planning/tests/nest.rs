@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::gcode::{Dialect, TransmissionForm};
-use crate::proof::{StageProofRequest, StageSteps, prove_blocks};
+use crate::proof::{ProofRequest, StageSteps, prove_blocks};
 use machine::record::motion::Motion;
 
 /// Ball of 11 mm radius, 120 mm below the spindle datum; three sensors at 120°, 35.26° below the centre of the
@@ -46,16 +46,15 @@ fn nest_scan_step(id: u32, path: Vec<Position>) -> Step {
 #[track_caller]
 fn assert_blocks_are_proven(plan: &Plan, blocks: &[MotionBlock], position: &Position) {
     let steps: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
-    let request = StageProofRequest {
+    let request = ProofRequest {
         plan,
         stages: &[StageSteps { step_ids: &steps, found_artefact: None }],
         start_position: Some(position),
         touched_directions: TouchedDirections::default(),
         dialect: &Dialect::from_name("grbl-m19").unwrap(),
-        transmission: &TransmissionForm::TableRows,
-        blocks,
     };
-    let (proof, _) = prove_blocks(&request).unwrap_or_else(|error| panic!("{error}"));
+    let (proof, _) =
+        prove_blocks(&request, &TransmissionForm::TableRows, blocks).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(proof.steps.len(), steps.len());
 }
 

@@ -53,9 +53,9 @@ fn add_ball_stage(
     for ball in &balls.balls {
         let request = BallMeasurementRequest { ball, rotary, touch_mode: mode, touch_count: 5 };
         let label = |touch: &str| format!("t/{stage:03}/{}/{touch}", ball.id);
-        let numbers = (plan.steps.len() as u32, stage);
-        let steps = access.touch_steps(&request, &plan.probe, StepKind::Touch, numbers, label);
-        plan.steps.extend(steps.unwrap_or_default());
+        let steps = access.touch_steps(&request, &plan.probe, StepKind::Touch, label);
+        let steps = plan.number_steps(stage, steps.unwrap_or_default());
+        plan.steps.extend(steps);
     }
     let steps = (first..plan.steps.len()).map(|id| id as u32).collect();
     stages.push(Stage { id: stage, name: format!("stage {stage}"), repeat: 0, steps, found });

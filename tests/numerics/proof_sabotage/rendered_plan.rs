@@ -47,14 +47,14 @@ impl RenderedPlan {
             .map(|stage| StageSteps { step_ids: &stage.steps, found_artefact: stage.found.as_ref() })
             .collect();
         let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
-        prove_programs(&ProofRequest {
+        let request = ProofRequest {
             plan: &self.plan,
             stages: &staged,
             start_position,
             touched_directions: planning::TouchedDirections::default(),
             dialect: &self.dialect,
-            programs: &[text],
-        })
+        };
+        prove_programs(&request, &[text])
     }
 
     /// Lines of each action of step `id`; indices into `lines`.

@@ -373,9 +373,8 @@ fn refusal_of_single_move(plan: &Plan, (from, to): (Axes, Axes), is_probing: boo
         start_position: stands,
         touched_directions: planning::TouchedDirections::all(),
         dialect,
-        programs: &[text],
     };
-    prove_programs(&request).unwrap_err().reason
+    prove_programs(&request, &[text]).unwrap_err().reason
 }
 
 #[derive(Default, Clone, Copy, Debug)]

@@ -248,9 +248,8 @@ fn prove_locating_blocks(plan: &Plan, believed: &Position) -> Option<Vec<MotionB
         start_position: Some(believed),
         touched_directions: TouchedDirections::default(),
         dialect: &dialect,
-        programs: &[text],
     };
-    prove_programs(&request).is_ok().then_some(blocks)
+    prove_programs(&request, &[text]).is_ok().then_some(blocks)
 }
 
 /// The outcome of the start, the offset of the true position from the assumed one, and the violations.
