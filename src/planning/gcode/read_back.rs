@@ -69,12 +69,8 @@ impl Dialect {
             }
             (Motion::OrientSpindle { s }, MotionKind::OrientSpindle { s: read }) => {
                 let turn = (s - read + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
-                return check_value_within_tolerance(
-                    "orientation",
-                    0.0,
-                    Axis::S.to_mm_or_deg(turn),
-                    THIRD_DECIMAL_TOLERANCE,
-                );
+                let turn_deg = Axis::S.to_mm_or_deg(turn);
+                return check_value_within_tolerance("orientation", 0.0, turn_deg, THIRD_DECIMAL_TOLERANCE);
             }
             (_, kind) => return Err(format!("the motion is a {kind:?}")),
         };
@@ -83,13 +79,9 @@ impl Dialect {
         }
         for (axis, value) in to.iter() {
             let other = read.target.get(axis).ok_or_else(|| format!("{axis} does not move"))?;
-            let half_unit = axis.to_mm_or_deg(self.position_rounding_tolerance(axis));
-            check_value_within_tolerance(
-                &axis.to_string(),
-                axis.to_mm_or_deg(value),
-                axis.to_mm_or_deg(other),
-                half_unit,
-            )?;
+            let half_unit = self.position_rounding_tolerance(axis);
+            let [value, other, half_unit] = [value, other, half_unit].map(|value| axis.to_mm_or_deg(value));
+            check_value_within_tolerance(axis.name(), value, other, half_unit)?;
         }
         match (feed, read.feed_mm_min) {
             (Some(feed), Some(read)) => check_value_within_tolerance("feed", feed, read, THIRD_DECIMAL_TOLERANCE),

@@ -49,13 +49,7 @@ impl BodyPair {
     fn are_close_at_zero(&self) -> bool {
         let zero = [0.0; Axis::ALL.len()];
         let joint_path = JointPath { from: zero, to: zero };
-        let (min_clearance_mm, ignored_above_mm) = (MIN_UNGUARDED_CLEARANCE_MM, f64::INFINITY);
-        let demand = ClearanceDemand {
-            required_clearance_mm: min_clearance_mm,
-            max_misplacement_mm: self.max_misplacement_mm,
-            lateral_misplacement: None,
-            ignored_above_mm,
-        };
+        let demand = ClearanceDemand::without_upper_bound(MIN_UNGUARDED_CLEARANCE_MM, self.max_misplacement_mm);
         check_min_clearance_on_path(&joint_path, &self.one, &self.other, &demand).is_err()
     }
 
@@ -106,7 +100,6 @@ fn make_relatively_moving_pair(
     if !comes_first || a.carrier_chain.has_same_axes_as(&b.carrier_chain) {
         return None;
     }
-    let role = pair_role(a, b, bodies);
     let of_artefact = |body: &CollisionBody| {
         matches!(
             body.role,
@@ -116,24 +109,21 @@ fn make_relatively_moving_pair(
                 | BodyRole::DatumCylinder
         )
     };
-    let measured_gap = match (a.role, b.role) {
+    let min_gap_in_sensor_range_mm = match (a.role, b.role) {
         (BodyRole::StylusBall, BodyRole::TableSensor { min_gap_mm }) => Some(min_gap_mm),
         _ => None,
     };
     let is_contact_detected = matches!(a.role, BodyRole::StylusBall | BodyRole::StylusStem) && of_artefact(b);
-    let position_uncertainty_mm = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
+    let max_misplacement_mm = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
     let [of_one, of_other] = CarrierChain::without_shared_joints(&a.carrier_chain, &b.carrier_chain);
-    let body_indices = [one, other];
-    let (one, other) =
-        (CollisionBody { carrier_chain: of_one, ..a.clone() }, CollisionBody { carrier_chain: of_other, ..b.clone() });
     Some(BodyPair {
-        one,
-        other,
-        body_indices,
-        role,
+        one: CollisionBody { carrier_chain: of_one, ..a.clone() },
+        other: CollisionBody { carrier_chain: of_other, ..b.clone() },
+        body_indices: [one, other],
+        role: pair_role(a, b, bodies),
         is_contact_detected,
-        max_misplacement_mm: position_uncertainty_mm,
-        min_gap_in_sensor_range_mm: measured_gap,
+        max_misplacement_mm,
+        min_gap_in_sensor_range_mm,
     })
 }
 

@@ -115,20 +115,17 @@ impl CollisionScene {
         let mut nearest = max_clearance_mm;
         let centres = (!joint_path.moves_rotary_axis()).then(|| self.body_centres_at_path_ends(joint_path));
         for pair in &self.pairs {
-            let Some((min_clearance_mm, lateral)) =
+            let Some((required_clearance_mm, lateral_misplacement)) =
                 required_clearance_and_touched_body_misplacement(rule, pair, joint_path)
             else {
                 continue;
             };
             let counts = !pair.is_on_same_machine_side()
-                && (!matches!(pair.role, PairRole::StylusBallAndTouchable(_)) || min_clearance_mm > 0.0);
-            let position_uncertainty_mm = if lateral.is_none() { pair.max_misplacement_mm } else { 0.0 };
-            let demand = ClearanceDemand {
-                required_clearance_mm: min_clearance_mm,
-                max_misplacement_mm: position_uncertainty_mm,
-                lateral_misplacement: lateral,
-                ignored_above_mm: if counts { nearest } else { min_clearance_mm },
-            };
+                && (!matches!(pair.role, PairRole::StylusBallAndTouchable(_)) || required_clearance_mm > 0.0);
+            let max_misplacement_mm = if lateral_misplacement.is_none() { pair.max_misplacement_mm } else { 0.0 };
+            let ignored_above_mm = if counts { nearest } else { required_clearance_mm };
+            let demand =
+                ClearanceDemand { required_clearance_mm, max_misplacement_mm, lateral_misplacement, ignored_above_mm };
             if centres.as_ref().is_some_and(|centres| are_far_apart(pair, centres, &demand)) {
                 continue;
             }
@@ -141,7 +138,7 @@ impl CollisionScene {
                 }
                 Ok(_) => {}
                 Err(clearance) => {
-                    let clearance = clearance.max(0.0);
+                    let (clearance, min_clearance_mm) = (clearance.max(0.0), required_clearance_mm);
                     return Err(RefusalReason::ClearanceTooSmall { between: between(), clearance, min_clearance_mm });
                 }
             }
@@ -198,16 +195,14 @@ fn required_clearance_and_touched_body_misplacement(
             (pair.min_gap_in_sensor_range_mm.unwrap_or(MIN_UNGUARDED_CLEARANCE_MM), None)
         }
         (ClearanceRule::GuardedMove, _) => (pair.required_guarded_clearance_mm(), None),
-        (ClearanceRule::GuardedFirstMove, _) => (
-            required_clearance_of_leaving_pair_mm(pair, joint_path)
-                .unwrap_or(0.0)
-                .min(pair.required_guarded_clearance_mm()),
-            None,
-        ),
-        (ClearanceRule::Retract, _) => match required_clearance_of_leaving_pair_mm(pair, joint_path) {
-            Some(apart) => (apart.min(MIN_UNGUARDED_CLEARANCE_MM), None),
-            None => return None,
-        },
+        (ClearanceRule::GuardedFirstMove, _) => {
+            let leaving_mm = required_clearance_of_leaving_pair_mm(pair, joint_path).unwrap_or(0.0);
+            (leaving_mm.min(pair.required_guarded_clearance_mm()), None)
+        }
+        (ClearanceRule::Retract, _) => {
+            let leaving_mm = required_clearance_of_leaving_pair_mm(pair, joint_path)?;
+            (leaving_mm.min(MIN_UNGUARDED_CLEARANCE_MM), None)
+        }
         (ClearanceRule::TouchOtherBodies(touched_body), role) if !role.concerns_body(*touched_body) => {
             (MIN_UNDETECTED_CONTACT_CLEARANCE_MM, None)
         }
@@ -224,16 +219,9 @@ fn required_clearance_and_touched_body_misplacement(
 /// misplacement and a tolerance. `None` if the two intersect at the assumed positions.
 fn required_clearance_of_leaving_pair_mm(pair: &BodyPair, joint_path: &JointPath) -> Option<f64> {
     let start = JointPath { from: joint_path.from, to: joint_path.from };
-    let demand = ClearanceDemand {
-        required_clearance_mm: 0.0,
-        max_misplacement_mm: 0.0,
-        lateral_misplacement: None,
-        ignored_above_mm: f64::INFINITY,
-    };
-    match check_min_clearance_on_path(&start, &pair.one, &pair.other, &demand) {
-        Ok(Some(apart)) => Some(apart - pair.max_misplacement_mm - START_CLEARANCE_TOLERANCE_MM),
-        _ => None,
-    }
+    let demand = ClearanceDemand::without_upper_bound(0.0, 0.0);
+    let apart_mm = check_min_clearance_on_path(&start, &pair.one, &pair.other, &demand).ok().flatten()?;
+    Some(apart_mm - pair.max_misplacement_mm - START_CLEARANCE_TOLERANCE_MM)
 }
 
 impl BodyPair {
@@ -264,15 +252,10 @@ impl CollisionSceneBuilder {
         shape: CollisionShape,
     ) -> Result<(), RefusalReason> {
         let missing = || RefusalReason::UnknownCarrier { solid: name.to_owned() };
-        let carried = self.chain.carrier_chain(on).ok_or_else(missing)?;
-        let corners = shape.hull_points_and_radius();
-        self.bodies.push(CollisionBody {
-            name: name.to_owned(),
-            role,
-            shape,
-            carrier_chain: carried,
-            hull_points_and_radius: corners,
-        });
+        let carrier_chain = self.chain.carrier_chain(on).ok_or_else(missing)?;
+        let hull_points_and_radius = shape.hull_points_and_radius();
+        let name = name.to_owned();
+        self.bodies.push(CollisionBody { name, role, shape, carrier_chain, hull_points_and_radius });
         Ok(())
     }
 
@@ -318,23 +301,18 @@ impl CollisionSceneBuilder {
             missing.extend(self.add_probe(plan, spindle)?);
         }
         for sensor in &plan.sensors {
-            let on = match sensor.mount {
-                SensorMount::Spindle => spindle,
-                SensorMount::Table => Carrier::Table,
-                SensorMount::Bed => Carrier::Bed,
+            let gap_at_near_end_mm = sensor.stand_off_mm + sensor.range_mm[0];
+            let min_gap_mm = gap_at_near_end_mm.clamp(0.0, MIN_UNGUARDED_CLEARANCE_MM);
+            let (on, role) = match sensor.mount {
+                SensorMount::Spindle => (spindle, BodyRole::SpindleOrBedSensor),
+                SensorMount::Table => (Carrier::Table, BodyRole::TableSensor { min_gap_mm }),
+                SensorMount::Bed => (Carrier::Bed, BodyRole::SpindleOrBedSensor),
             };
             let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
             let front = zero - along * sensor.stand_off_mm;
             let back = front - along * sensor.body_length_mm;
             if sensor.body_radius_mm > 0.0 && front != back {
                 let body = CollisionShape::cylinder(front, back, sensor.body_radius_mm);
-                let role = match sensor.mount {
-                    SensorMount::Table => {
-                        let at_near_end = sensor.stand_off_mm + sensor.range_mm[0];
-                        BodyRole::TableSensor { min_gap_mm: at_near_end.clamp(0.0, MIN_UNGUARDED_CLEARANCE_MM) }
-                    }
-                    SensorMount::Spindle | SensorMount::Bed => BodyRole::SpindleOrBedSensor,
-                };
                 self.add_body(&sensor.name, role, on, body)?;
             } else {
                 missing.push(format!("body of {}", sensor.name));

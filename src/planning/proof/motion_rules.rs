@@ -101,15 +101,10 @@ pub struct AxisMismatch {
 
 impl AxisMismatch {
     pub fn into_refusal_reason(self, reason: impl FnOnce(PositionMismatch) -> RefusalReason) -> RefusalReason {
-        let Self { axis, actual_mm_or_rad: actual, expected_mm_or_rad: expected } = self;
-        match actual {
-            Some(actual) => reason(PositionMismatch {
-                axis,
-                actual: axis.to_mm_or_deg(actual),
-                expected: axis.to_mm_or_deg(expected),
-            }),
-            None => RefusalReason::UnknownAxisPosition(axis),
-        }
+        let Self { axis, actual_mm_or_rad, expected_mm_or_rad } = self;
+        let Some(actual_mm_or_rad) = actual_mm_or_rad else { return RefusalReason::UnknownAxisPosition(axis) };
+        let [actual, expected] = [actual_mm_or_rad, expected_mm_or_rad].map(|value| axis.to_mm_or_deg(value));
+        reason(PositionMismatch { axis, actual, expected })
     }
 }
 

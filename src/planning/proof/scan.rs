@@ -32,11 +32,8 @@ impl ProgramCheck<'_> {
                 self.check_dwell_complete(scan)?;
                 motion_rules::check_exact_feed("the scan", motion, step.feed_mm_min)?;
                 if self.are_step_sensors_on_table() && !has_rotary_motion(motion) {
-                    motion_rules::check_max_feed(
-                        "the move between sensors",
-                        motion,
-                        self.max_nest_feed_of_plan_mm_min(),
-                    )?;
+                    let max_feed = max_nest_feed_mm_min(self.request.plan);
+                    motion_rules::check_max_feed("the move between sensors", motion, max_feed)?;
                 }
                 self.check_move_to_scan_point(motion, scan, reached_count)
             }
@@ -95,14 +92,10 @@ impl ProgramCheck<'_> {
         self.current_step().is_some_and(|step| are_step_sensors_on_table(self.request.plan, step))
     }
 
-    fn max_nest_feed_of_plan_mm_min(&self) -> f64 {
-        max_nest_feed_mm_min(self.request.plan)
-    }
-
     /// Clearance rule for a feed move of a scan. A move that is too fast for a hold to stop in time keeps the full
     /// clearance of unguarded moves also from the sensors of a nest.
     fn scan_move_clearance_rule(&self, motion: &ReadMotion) -> ClearanceRule {
-        let is_slow = || motion_rules::check_max_feed("", motion, self.max_nest_feed_of_plan_mm_min()).is_ok();
+        let is_slow = || motion_rules::check_max_feed("", motion, max_nest_feed_mm_min(self.request.plan)).is_ok();
         match self.are_step_sensors_on_table() && (has_rotary_motion(motion) || is_slow()) {
             true => ClearanceRule::UnguardedInNest,
             false => ClearanceRule::UnguardedMove,

@@ -37,7 +37,7 @@ impl JointPath {
         self.from[axis as usize] != self.to[axis as usize]
     }
 
-    fn commands_at_share(&self, at: f64) -> AxisCommands {
+    pub fn commands_at_share(&self, at: f64) -> AxisCommands {
         std::array::from_fn(|i| self.from[i] + at * (self.to[i] - self.from[i]))
     }
 
@@ -57,6 +57,14 @@ pub struct ClearanceDemand {
     pub lateral_misplacement: Option<LateralMisplacement>,
     /// Clearances above this value are ignored, mm.
     pub ignored_above_mm: f64,
+}
+
+impl ClearanceDemand {
+    /// Demand on two bodies of which neither is touched; every clearance counts.
+    pub fn without_upper_bound(required_clearance_mm: f64, max_misplacement_mm: f64) -> Self {
+        let ignored_above_mm = f64::INFINITY;
+        Self { required_clearance_mm, max_misplacement_mm, lateral_misplacement: None, ignored_above_mm }
+    }
 }
 
 /// Returns the smallest clearance, mm, if it is below `demand.ignored_above_mm`.

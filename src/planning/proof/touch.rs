@@ -65,44 +65,37 @@ pub fn find_touch_reach(
     let met = scene
         .touchable_bodies()
         .filter_map(|(number, body)| Some((number, body, line.contact_share(&body.shape, Vector3::zeros())?)));
-    let (number, body, at) = met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(RefusalReason::TouchWithoutContact)?;
+    let (touched_body_number, body, at) =
+        met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(RefusalReason::TouchWithoutContact)?;
     if let Some(ball) = body.shape.ball_centre_and_radius() {
         line.check_touch_cannot_miss(body, ball.0, ball.1, scene.max_artefact_misplacement_mm)?;
         line.check_contact_side(body, ball.0, at, Vector3::from(normal))?;
     }
     let farthest = line.latest_contact_share(&body.shape, at, scene.max_artefact_misplacement_mm);
     let end = (farthest + (MAX_PRE_TRAVEL_MM + braking) / line.from.metric_distance(&line.to)).min(1.0);
-    let stop = std::array::from_fn(|i| joint_path.from[i] + end * (joint_path.to[i] - joint_path.from[i]));
-    let lateral = LateralMisplacement {
+    let stop = joint_path.commands_at_share(end);
+    let lateral_misplacement = LateralMisplacement {
         perpendicular_to: line.table_pose_at_start.rotation * line.unit_direction,
         max_misplacement_mm: scene.max_artefact_misplacement_mm,
     };
-    Ok(TouchReach {
-        touched_body_number: number,
-        joint_path: JointPath { from: joint_path.from, to: stop },
-        lateral_misplacement: lateral,
-    })
+    let joint_path = JointPath { from: joint_path.from, to: stop };
+    Ok(TouchReach { touched_body_number, joint_path, lateral_misplacement })
 }
 
 impl StylusBallLine {
     fn new(scene: &CollisionScene, joint_path: &JointPath) -> Option<Self> {
         let (_, artefact) = scene.touchable_bodies().next()?;
         let tip = scene.stylus_ball()?;
-        let (centre, radius) = tip.shape.bounding_ball();
+        let (centre, stylus_ball_radius_mm) = tip.shape.bounding_ball();
         let ball_at = |commands: &AxisCommands| {
             let table = artefact.carrier_chain.pose(commands);
             let tool = tip.carrier_chain.pose(commands);
             table.inverse_transform_point(&tool.transform_point(&centre.into())).coords
         };
         let (from, to) = (ball_at(&joint_path.from), ball_at(&joint_path.to));
-        let along = unit_vector(to - from)?;
-        Some(Self {
-            table_pose_at_start: artefact.carrier_chain.pose(&joint_path.from),
-            from,
-            to,
-            unit_direction: along,
-            stylus_ball_radius_mm: radius,
-        })
+        let unit_direction = unit_vector(to - from)?;
+        let table_pose_at_start = artefact.carrier_chain.pose(&joint_path.from);
+        Some(Self { table_pose_at_start, from, to, unit_direction, stylus_ball_radius_mm })
     }
 
     fn point_at(&self, share: f64) -> Vector3<f64> {

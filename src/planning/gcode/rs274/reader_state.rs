@@ -47,7 +47,7 @@ struct ModalState {
 }
 
 /// State of the G-code reader after the lines read so far.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct GcodeReaderState {
     modal_state: ModalState,
     /// Position of each axis, as far as the text determines it.
@@ -64,16 +64,8 @@ pub(super) struct GcodeReaderState {
 impl GcodeReaderState {
     pub fn new(zero_offset_slot: Option<&str>, declared: &DeclaredCommands) -> Self {
         let known = WORK_OFFSETS_AND_G_WORDS_TENFOLD.iter().filter(|(name, _)| Some(*name) == zero_offset_slot);
-        let zeroed_axes = known.map(|(name, _)| (*name, Axis::ALL.into_iter().collect())).collect();
-        Self {
-            modal_state: ModalState::default(),
-            known_position: Position::new(),
-            zeroed_axes_by_slot: zeroed_axes,
-            switch_state: SwitchState::new(declared),
-            open_condition_and_has_stop: None,
-            has_program_started: false,
-            has_program_ended: false,
-        }
+        let zeroed_axes_by_slot = known.map(|(name, _)| (*name, Axis::ALL.into_iter().collect())).collect();
+        Self { zeroed_axes_by_slot, switch_state: SwitchState::new(declared), ..Self::default() }
     }
 
     /// Checks that the program does not end inside a condition.
