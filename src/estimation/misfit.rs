@@ -38,25 +38,17 @@ impl Misfit {
     ) -> Self {
         let rows = residuals.len();
         let left = Mat::from_fn(rows, residuals_of_unit_draws.len(), |i, j| residuals_of_unit_draws[j][i]);
-        let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
+        let expected_chi2: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
         let joint = if rows < left.ncols() { &left * left.transpose() } else { left.transpose() * &left };
-        let effective = expected * expected / joint.squared_norm_l2();
+        let effective_dof = expected_chi2 * expected_chi2 / joint.squared_norm_l2();
         let chi2: f64 = residuals.iter().map(|r| r * r).sum();
-        let bounds = (dof > 0).then(|| coverage::chi_square_bounds(effective, CHI2_BOUND_PROBABILITY)).flatten();
-        let ratio = chi2 / expected;
-        let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
-        let is_above_bound = is_declared && beyond(&|(_, upper)| ratio * effective > upper);
-        let is_below_bound = is_declared && beyond(&|(lower, _)| ratio * effective < lower);
+        let bounds = (dof > 0).then(|| coverage::chi_square_bounds(effective_dof, CHI2_BOUND_PROBABILITY)).flatten();
+        let ratio = chi2 / expected_chi2;
+        let is_above_bound = is_declared && bounds.is_some_and(|(_, upper)| ratio * effective_dof > upper);
+        let is_below_bound = is_declared && bounds.is_some_and(|(lower, _)| ratio * effective_dof < lower);
         let has_factor = is_above_bound || (!is_declared && bounds.is_some());
         let uncertainty_factor = if has_factor { ratio.sqrt() } else { 1.0 };
-        Self {
-            chi2,
-            expected_chi2: expected,
-            effective_dof: effective,
-            uncertainty_factor,
-            is_above_bound,
-            is_below_bound,
-        }
+        Self { chi2, expected_chi2, effective_dof, uncertainty_factor, is_above_bound, is_below_bound }
     }
 }
 

@@ -120,15 +120,11 @@ impl ModelPoint {
     fn into_solution(
         self,
         factored: BlockFactorisation,
-        jacobian_count: usize,
+        jacobian_evaluation_count: usize,
     ) -> Result<NonlinearSolution, NonlinearError> {
-        let factored = factored.require_full_rank()?;
-        Ok(NonlinearSolution {
-            x: self.x,
-            factorisation: factored,
-            residuals: self.residuals,
-            jacobian_evaluation_count: jacobian_count,
-        })
+        let factorisation = factored.require_full_rank()?;
+        let Self { x, residuals, .. } = self;
+        Ok(NonlinearSolution { x, factorisation, residuals, jacobian_evaluation_count })
     }
 }
 

@@ -105,10 +105,7 @@ impl FromStr for ErrorParameter {
 
 fn parse_error_parameter(text: &str) -> Option<Result<ErrorParameter, InvalidErrorParameter>> {
     let name = text.strip_prefix("E_").or_else(|| text.strip_prefix('E'))?;
-    let (head, suffix) = match name.split_once('_') {
-        Some((head, suffix)) => (head, Some(suffix)),
-        None => (name, None),
-    };
+    let (head, suffix) = name.split_once('_').map_or((name, None), |(head, suffix)| (head, Some(suffix)));
     let letters: Vec<char> = head.chars().collect();
     let axis = |letter: char| letter.to_string().parse::<Axis>().ok();
     let (component, axis, shape) = match (letters.as_slice(), suffix) {

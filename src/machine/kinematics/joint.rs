@@ -101,17 +101,9 @@ impl Joint {
 
     /// Motion by the sum of the joint's errors of one component; the errors share one generator, so they add up.
     pub(super) fn component_error_pose(&self, component: Axis, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        self.component_pose(component, self.component_error_amount(component, position.get_or_zero(self.axis), errors))
-    }
-
-    fn component_error_amount(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
-        self.errors_without_gains(errors)
-            .filter(|e| e.parameter.component() == component)
-            .map(|e| e.value * e.parameter.shape_factor(command))
-            .sum()
-    }
-
-    fn component_pose(&self, component: Axis, amount: f64) -> Pose {
+        let command = position.get_or_zero(self.axis);
+        let own = self.errors_without_gains(errors).filter(|e| e.parameter.component() == component);
+        let amount: f64 = own.map(|e| e.value * e.parameter.shape_factor(command)).sum();
         axis_motion(component, component.nominal_direction(), self.point, amount)
     }
 

@@ -11,16 +11,13 @@ use crate::Axis;
 pub const ESTIMATE_VERSION: u32 = 1;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Unit {
-    #[serde(rename = "um")]
     Um,
-    #[serde(rename = "urad")]
     Urad,
     #[serde(rename = "um/m")]
     UmPerM,
-    #[serde(rename = "mm")]
     Mm,
-    #[serde(rename = "ms")]
     Ms,
 }
 

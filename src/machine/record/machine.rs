@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::default_value;
+use super::{default_value, is_default};
 use crate::{Axis, Position};
 
 /// Sense of a positive command: `iso` after ISO 841, `reversed` the opposite.
@@ -39,12 +39,6 @@ pub enum Homing {
     None,
 }
 
-impl Homing {
-    fn is_switch(&self) -> bool {
-        *self == Self::Switch
-    }
-}
-
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Machine {
@@ -61,7 +55,7 @@ pub struct Machine {
     #[serde(default)]
     pub drift_um_per_h: f64,
     /// Standard deviation of the squareness error between each two of X, Y and Z.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub squareness_urad: f64,
 }
 
@@ -94,7 +88,7 @@ pub struct StatedAxis {
     /// Lower travel limit, mm or degrees; `max` is the upper one.
     pub min: f64,
     pub max: f64,
-    #[serde(default, skip_serializing_if = "Homing::is_switch")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub homing: Homing,
     /// Rapid speed, mm/min or deg/min.
     #[serde(default = "default_value::<10_000>")]
@@ -116,11 +110,11 @@ pub struct StatedAxis {
     pub error_motion_orders: Vec<u32>,
     /// For a linear axis: standard uncertainty of the lost motion at a reversal that remains after the control's
     /// compensation, um.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub backlash_um: f64,
     /// For a linear axis: standard deviation of its angular error motion about each of X, Y and Z (roll, pitch,
     /// yaw), urad.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub angular_motion_urad: f64,
     /// Distance over which error motions of a linear axis change, mm.
     #[serde(default = "default_value::<200>")]
@@ -216,9 +210,9 @@ pub struct Probe {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub off: Option<String>,
     /// Dwell between positioning and touch.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub settle_s: f64,
-    #[serde(default, skip_serializing_if = "LiveCheck::is_default")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub live_check: LiveCheck,
     /// Input of the control that is on while the probe reports an error: a number (LinuxCNC, `M66`) or the letter
     /// of a pin in status reports (grblHAL).
@@ -262,16 +256,6 @@ pub enum LiveCheck {
     Touch,
     /// The operator deflects the stylus.
     Person,
-}
-
-impl LiveCheck {
-    fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
-}
-
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 /// A body that nothing may collide with: a table, a clamp, the spindle nose.

@@ -17,6 +17,11 @@ pub mod stage_proof;
 pub mod tool_centre;
 pub mod watched_sensors;
 
+/// Whether a value equals its type's default; such a value is not written.
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 /// Default of a key in the machine file.
 fn default_value<const VALUE: u16>() -> f64 {
     f64::from(VALUE)
