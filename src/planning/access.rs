@@ -200,14 +200,10 @@ impl TouchAccess {
         if let (false, Some(reason)) = (enough, blocked) {
             return Err(BallAccessError::TooFewTouches { free: contacts.len(), reason: Box::new(reason) });
         }
-        let more =
-            spread_touch_directions().map(|(name, azimuth, up)| TouchDirection { name, normal: normal(azimuth, up) });
-        let more: Vec<TouchDirection> =
-            if touch_count > contacts.len() && touch_count > SIDE_TOUCH_AZIMUTHS_DEG.len() + 1 {
-                more.filter(|contact| free(contact).is_ok()).collect()
-            } else {
-                Vec::new()
-            };
+        let needs_more = touch_count > contacts.len() && touch_count > SIDE_TOUCH_AZIMUTHS_DEG.len() + 1;
+        let spread = spread_touch_directions().filter(|_| needs_more);
+        let spread = spread.map(|(name, azimuth, up)| TouchDirection { name, normal: normal(azimuth, up) });
+        let more: Vec<TouchDirection> = spread.filter(|contact| free(contact).is_ok()).collect();
         add_farthest_touches(&mut contacts, more, touch_count);
         // In order of azimuth, so that the path from touch to touch is short; the pole comes last.
         contacts.sort_by(|one, other| one.sort_key().total_cmp(&other.sort_key()));

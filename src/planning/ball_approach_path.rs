@@ -99,18 +99,11 @@ impl BallApproachPath<'_> {
 
     /// Moves the linear axes; the rotary axes are already in position.
     fn move_linear_axes(&self, path: &mut MotionSequence, high: f64) {
-        let apart = self.safe_heights.surroundings.xy_distance_mm(&path.end_position, self.touch_start);
-        let between = |margin| {
-            let z =
-                self.safe_heights.surroundings.clear_z_command_on_path(&path.end_position, self.touch_start, margin);
-            z.max(self.highest_touch_z)
-        };
-        let places = path_around_ball::plan_path_around_ball(
-            &self.safe_heights.surroundings,
-            self.machine,
-            &path.end_position,
-            self.touch_start,
-        );
+        let (surroundings, from) = (&self.safe_heights.surroundings, &path.end_position);
+        let apart = surroundings.xy_distance_mm(from, self.touch_start);
+        let between =
+            |margin| surroundings.clear_z_command_on_path(from, self.touch_start, margin).max(self.highest_touch_z);
+        let places = path_around_ball::plan_path_around_ball(surroundings, self.machine, from, self.touch_start);
         if let Some(places) = places {
             for place in places {
                 path.add_guarded_move(&place);

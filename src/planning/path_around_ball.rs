@@ -59,14 +59,9 @@ pub(super) fn plan_path_around_ball(
     let corner = tangent_corner(here, there)?.into_iter();
     let corner = corner.map(|off| reachable_position_beside_ball(surroundings, machine, &ball, start, off));
     let places: Vec<Position> = corner.chain([Some(start.clone())]).collect::<Option<_>>()?;
-    let mut from = position;
-    for to in &places {
-        if !surroundings.is_path_free(from, to, &ball.name) {
-            return None;
-        }
-        from = to;
-    }
-    Some(places)
+    let mut moves = [position].into_iter().chain(&places).zip(&places);
+    let is_free = moves.all(|(from, to)| surroundings.is_path_free(from, to, &ball.name));
+    is_free.then_some(places)
 }
 
 /// Position on the line from the centre of the touched ball through `start`, far enough from the ball for the next

@@ -69,18 +69,16 @@ impl SafeHeights {
 
     /// Safe height while the rotary axes move straight from `one` to `next`.
     pub(super) fn turning_clearance_z(&self, one: &Position, next: &Position) -> Result<f64, PlanningError> {
-        let [one, next] = [one, next].map(rotary_axis_positions);
-        let ways = interpolate_rotary_positions(&one, &next);
-        self.clearance_z_over_poses([one].into_iter().chain(ways))
+        let ways = interpolate_rotary_positions(one, next);
+        self.clearance_z_over_poses([rotary_axis_positions(one)].into_iter().chain(ways))
     }
 
     fn clearance_z_over_poses(&self, poses: impl IntoIterator<Item = Position>) -> Result<f64, PlanningError> {
         let max = self.top_z;
         let no_room = |needed| PlanningError::InsufficientZTravel { needed, max };
         poses.into_iter().try_fold(self.lower_z_limit, |needed, pose| {
-            Ok(needed.max(
-                self.surroundings.clear_z_command_everywhere(&pose, PLANNED_UNGUARDED_CLEARANCE_MM).map_err(no_room)?,
-            ))
+            let clear = self.surroundings.clear_z_command_everywhere(&pose, PLANNED_UNGUARDED_CLEARANCE_MM);
+            Ok(needed.max(clear.map_err(no_room)?))
         })
     }
 }
@@ -95,16 +93,14 @@ fn rotary_positions_along_plan(plan: &Plan) -> Vec<Position> {
     let mut moving = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt).peekable();
     let mut poses: Vec<Position> = moving.peek().map(|step| rotary_axis_positions(&step.from)).into_iter().collect();
     while let (Some(one), Some(next)) = (moving.next(), moving.peek()) {
-        poses.extend(interpolate_rotary_positions(
-            &rotary_axis_positions(&one.from),
-            &rotary_axis_positions(&next.from),
-        ));
+        poses.extend(interpolate_rotary_positions(&one.from, &next.from));
     }
     if poses.is_empty() { vec![Position::new()] } else { poses }
 }
 
-/// Positions after `one` up to and including `next`.
+/// Positions of the rotary axes after `one` up to and including `next`.
 fn interpolate_rotary_positions(one: &Position, next: &Position) -> Vec<Position> {
+    let next = rotary_axis_positions(next);
     let farthest = next.iter().map(|(axis, to)| (to - one.get_or_zero(axis)).abs()).fold(0.0_f64, f64::max);
     let count = (farthest / MAX_ROTARY_CHECK_INTERVAL_RAD).ceil() as u32;
     let at = |k: u32| {

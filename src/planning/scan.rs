@@ -77,9 +77,7 @@ fn scan_blocks(
         let feed_mm_min = if number == 0 { approach_feed } else { step.feed_mm_min };
         path.add_motion(&point.filter_axes(|axis| axis != Axis::S), |to| Motion::Feed { to, feed_mm_min });
         match scan.sampling {
-            Sampling::Dwell { dwell_s, .. } => {
-                path.motions.push(Motion::Dwell { seconds: dwell_s });
-            }
+            Sampling::Dwell { dwell_s, .. } => path.motions.push(Motion::Dwell { seconds: dwell_s }),
             Sampling::Continuous { .. } if number > 0 => continue,
             Sampling::Continuous { .. } => {}
         }

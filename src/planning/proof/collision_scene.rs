@@ -149,21 +149,17 @@ impl CollisionScene {
     /// Centre of each body at both ends of the path, machine frame.
     fn body_centres_at_path_ends(&self, joint_path: &JointPath) -> Vec<[Vector3<f64>; 2]> {
         let mut poses: Vec<(&CarrierChain, [Pose; 2])> = Vec::new();
-        let of = |body: &CollisionBody, [from, to]: [Pose; 2]| {
-            let (centre, _) = body.shape.bounding_ball();
-            [from.transform_point(&centre.into()).coords, to.transform_point(&centre.into()).coords]
-        };
         let mut centres = Vec::with_capacity(self.bodies.len());
         for body in &self.bodies {
-            let known = poses.iter().find(|(carried, _)| carried.has_same_axes_as(&body.carrier_chain));
-            let pose = known.map_or_else(
-                || [&joint_path.from, &joint_path.to].map(|commands| body.carrier_chain.pose(commands)),
-                |(_, pose)| *pose,
-            );
-            if known.is_none() {
-                poses.push((&body.carrier_chain, pose));
-            }
-            centres.push(of(body, pose));
+            let same_axes = poses.iter().find(|(carried, _)| carried.has_same_axes_as(&body.carrier_chain));
+            let known = same_axes.map(|(_, poses_at_ends)| *poses_at_ends);
+            let poses_at_ends = known.unwrap_or_else(|| {
+                let computed = [&joint_path.from, &joint_path.to].map(|commands| body.carrier_chain.pose(commands));
+                poses.push((&body.carrier_chain, computed));
+                computed
+            });
+            let (centre, _) = body.shape.bounding_ball();
+            centres.push(poses_at_ends.map(|pose| pose.transform_point(&centre.into()).coords));
         }
         centres
     }

@@ -149,9 +149,7 @@ fn check_clearance_of_any_axis(request: &SingleMoveProofRequest<'_>, motion: &Re
     for moved in plan.machine.axes.keys().copied().filter(|moved| *moved != Axis::S) {
         for sense in [-1.0, 1.0] {
             let mut to = from;
-            if let Some(command) = to.get_mut(moved as usize) {
-                *command += sense * moved.to_mm_or_rad(by);
-            }
+            to[moved as usize] += sense * moved.to_mm_or_rad(by);
             let most = nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
             let nearest_pair =
                 scene.check_path_and_find_nearest_pair(&JointPath { from, to }, &ClearanceRule::UnguardedMove, most)?;

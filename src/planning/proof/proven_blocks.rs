@@ -58,13 +58,8 @@ pub struct AlteredBlockError {
 }
 
 impl ProvenBlock {
-    fn new(
-        block: &MotionBlock,
-        start_position: Position,
-        transmission: TransmissionForm,
-        units: Vec<ProvenUnit>,
-    ) -> Self {
-        let mut block = Self { step: block.step, start_position, transmission, units, proof_digest: [0; 32] };
+    fn new(step: u32, start_position: Position, transmission: TransmissionForm, units: Vec<ProvenUnit>) -> Self {
+        let mut block = Self { step, start_position, transmission, units, proof_digest: [0; 32] };
         block.proof_digest = block.compute_digest();
         block
     }
@@ -162,7 +157,7 @@ fn assign_motions_to_units(
             dialect.check_read_motions(block.step, &unit.motions, &read_motions).map_err(mismatch_refusal)?;
             parts.push(ProvenUnit { unit, read_motions });
         }
-        proven.push(ProvenBlock::new(block, start_position.clone(), transmission.clone(), parts));
+        proven.push(ProvenBlock::new(block.step, start_position.clone(), transmission.clone(), parts));
         start_position = block.motions.iter().fold(start_position, known_position_after_motion);
     }
     match remaining.next() {

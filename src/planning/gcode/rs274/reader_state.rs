@@ -153,11 +153,8 @@ impl GcodeReaderState {
         set_modal_group(words, &[(200, MM_PER_INCH), (210, 1.0)], &mut modal.mm_per_unit)?;
         let distances = [(900, DistanceMode::Absolute), (910, DistanceMode::Incremental)];
         set_modal_group(words, &distances, &mut modal.distance_mode)?;
-        set_modal_group(
-            words,
-            &WORK_OFFSETS_AND_G_WORDS_TENFOLD.map(|(name, g)| (g, name)),
-            &mut modal.work_offset_slot,
-        )?;
+        let work_offsets = WORK_OFFSETS_AND_G_WORDS_TENFOLD.map(|(name, g)| (g, name));
+        set_modal_group(words, &work_offsets, &mut modal.work_offset_slot)?;
         let motions = [
             (0, MotionKind::Rapid),
             (10, MotionKind::Feed),
@@ -224,17 +221,14 @@ impl GcodeReaderState {
         let (Some(2.0), Some(p @ 1..=9)) = (words.take_word_value('L'), slot) else {
             return Err("G10 is supported only with L2 and P1 to P9".into());
         };
+        let (slot_name, _) = WORK_OFFSETS_AND_G_WORDS_TENFOLD[p as usize - 1];
+        let zeroed_axes = self.zeroed_axes_by_slot.entry(slot_name).or_default();
         for axis in Axis::ALL {
             match words.take_word_value(axis.letter()) {
                 Some(0.0) => {
-                    self.zeroed_axes_by_slot
-                        .entry(WORK_OFFSETS_AND_G_WORDS_TENFOLD[p as usize - 1].0)
-                        .or_default()
-                        .insert(axis);
+                    zeroed_axes.insert(axis);
                 }
-                Some(value) => {
-                    return Err(format!("a work offset of {value} in {axis}; only 0 is supported").into());
-                }
+                Some(value) => return Err(format!("a work offset of {value} in {axis}; only 0 is supported").into()),
                 None => {}
             }
         }
