@@ -108,12 +108,9 @@ pub fn factorise_and_project_right_side(blocks: Vec<BlockRows>) -> (BlockFactori
     let of_common: Vec<f64> = (0..common).map(|i| r[(i, common)]).collect();
     coordinates.splice(0..0, of_common);
     rest.truncate_columns(common);
-    let triangle = r.get(.., ..common).to_owned();
-    let is_rank_deficient = is_rank_deficient || is_dependent;
-    (
-        BlockFactorisation { blocks: factored, common_columns: rest, common_triangle: triangle, is_rank_deficient },
-        coordinates,
-    )
+    let common_triangle = r.get(.., ..common).to_owned();
+    is_rank_deficient |= is_dependent;
+    (BlockFactorisation { blocks: factored, common_columns: rest, common_triangle, is_rank_deficient }, coordinates)
 }
 
 impl BlockFactorisation {

@@ -107,10 +107,8 @@ pub fn position_after_motions<'a>(
     motions: impl IntoIterator<Item = &'a Motion>,
     start_position: &Position,
 ) -> Position {
-    motions.into_iter().fold(start_position.clone(), |position, motion| match motion_target(motion) {
-        Some(to) => position.updated_by(&to),
-        None => position,
-    })
+    let targets = motions.into_iter().filter_map(motion_target);
+    targets.fold(start_position.clone(), |position, to| position.updated_by(&to))
 }
 
 /// Target of a motion; `None` for a motion without one.

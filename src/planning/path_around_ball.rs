@@ -45,10 +45,7 @@ pub(super) fn plan_path_around_ball(
     start: &Position,
 ) -> Option<Vec<Position>> {
     let ball = surroundings.nearest_ball(start)?;
-    let (here, there) = (
-        surroundings.tip_offset_in_machine_directions(&ball, position),
-        surroundings.tip_offset_in_machine_directions(&ball, start),
-    );
+    let [here, there] = [position, start].map(|at| surroundings.tip_offset_in_machine_directions(&ball, at));
     let near = ball.contact_distance_mm + ball.max_misplacement_mm;
     let about_it = |off: Vector3<f64>| (near..near + 2.0 * PLANNED_GUARDED_CLEARANCE_MM).contains(&off.norm());
     // Below the centre of the ball, the stylus stem would come nearer to the ball than the stylus ball.
@@ -114,12 +111,9 @@ impl Surroundings {
     fn nearest_ball(&self, at: &Position) -> Option<ArtefactBall> {
         let ball = |obstacle: &Obstacle| match obstacle.body {
             ObstacleBody::BallOrCylinder(BodyShape::Ball { centre, radius }) if obstacle.is_artefact_part => {
-                Some(ArtefactBall {
-                    name: obstacle.name.clone(),
-                    centre,
-                    contact_distance_mm: radius + self.stylus_ball_radius_mm,
-                    max_misplacement_mm: obstacle.max_misplacement_mm,
-                })
+                let (name, max_misplacement_mm) = (obstacle.name.clone(), obstacle.max_misplacement_mm);
+                let contact_distance_mm = radius + self.stylus_ball_radius_mm;
+                Some(ArtefactBall { name, centre, contact_distance_mm, max_misplacement_mm })
             }
             _ => None,
         };

@@ -235,11 +235,8 @@ impl Surroundings {
             // A misplacement of the touched ball shifts the contact equally, so this ball needs no margin.
             let margin = if own { 0.0 } else { margin + obstacle.max_misplacement_mm };
             let mut parts = self.tool_parts.iter().skip(usize::from(own));
-            let near = parts.find(|part| !part.is_clear(path_ends, &body, margin));
-            near.map(|part| TooNearPair {
-                tool_or_sensor_name: part.name.clone(),
-                obstacle_name: obstacle.name.clone(),
-            })
+            let near = parts.find(|part| !part.is_clear(path_ends, &body, margin))?;
+            Some(TooNearPair { tool_or_sensor_name: near.name.clone(), obstacle_name: obstacle.name.clone() })
         })
     }
 
@@ -263,10 +260,8 @@ impl Surroundings {
         let ends = [from, to].map(|at| self.tip_and_carrier_poses(at));
         self.obstacles.iter().all(|obstacle| {
             let path_ends = ends.each_ref().map(|at| at.tip_offset_from_carrier(obstacle));
-            let (body, margin) = (
-                ends[1].obstacle_in_machine_directions(obstacle),
-                MIN_TOOL_CLEARANCE_MM + obstacle.max_misplacement_mm,
-            );
+            let body = ends[1].obstacle_in_machine_directions(obstacle);
+            let margin = MIN_TOOL_CLEARANCE_MM + obstacle.max_misplacement_mm;
             let own = obstacle.name == circled_ball;
             let mut parts = self.tool_parts.iter().filter(|part| !(own && part.is_contact_detected));
             parts.all(|part| part.is_clear(path_ends, &body, margin))

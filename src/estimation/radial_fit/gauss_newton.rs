@@ -27,12 +27,8 @@ pub(super) fn fit_gauss_newton<const D: usize>(points: &[[f64; D]]) -> Result<Ra
     let local: Vec<[f64; D]> = points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
     let centre = algebraic_centre(&local)?;
     let (at, step) = iterate_to_convergence(&local, PolarPoints::new(&local, centre))?;
-    Ok(RadialFit {
-        centre: std::array::from_fn(|k| origin[k] + at.centre[k]),
-        radius: at.radius,
-        residuals: at.residuals,
-        covariance: step.covariance,
-    })
+    let centre = std::array::from_fn(|k| origin[k] + at.centre[k]);
+    Ok(RadialFit { centre, radius: at.radius, residuals: at.residuals, covariance: step.covariance })
 }
 
 fn iterate_to_convergence<const D: usize>(

@@ -134,19 +134,16 @@ fn step_covariance<const D: usize>(
 }
 
 fn finish_fit<const D: usize>(points: &[[f64; D]], frame: &StepFrame<D>, step: FitStep<D>) -> RadialFit<D> {
-    let mut all = vec![0.0; points.len()];
-    let blocks = points.par_chunks(POINTS_PER_BLOCK).zip(all.par_chunks_mut(POINTS_PER_BLOCK));
+    let mut residuals = vec![0.0; points.len()];
+    let blocks = points.par_chunks(POINTS_PER_BLOCK).zip(residuals.par_chunks_mut(POINTS_PER_BLOCK));
     blocks.for_each(|(points, part)| compute_residuals(points, frame, part));
     let turn = Mat::from_fn(D + 1, D + 1, |i, k| match (i < D, k < D) {
         (true, true) => frame.rotation[i][k],
         _ => f64::from(u8::from(i == k)),
     });
-    RadialFit {
-        centre: std::array::from_fn(|k| frame.origin[k] + frame.centre_from_origin[k]),
-        radius: frame.radius,
-        residuals: all,
-        covariance: turn.transpose() * step.covariance * &turn,
-    }
+    let centre = std::array::from_fn(|k| frame.origin[k] + frame.centre_from_origin[k]);
+    let covariance = turn.transpose() * step.covariance * &turn;
+    RadialFit { centre, radius: frame.radius, residuals, covariance }
 }
 
 #[cfg(test)]

@@ -98,11 +98,8 @@ fn stem_body(ball: &Ball) -> Option<ArtefactBody> {
     let to = from + unit_vector(Vector3::from(ball.stem)).unwrap_or_default() * ball.stem_length_mm;
     let radius = ball.stem_radius_mm;
     let is_declared = radius > 0.0 && from != to;
-    is_declared.then(|| ArtefactBody {
-        name: format!("stem of ball {}", ball.id),
-        shape: BodyShape::Cylinder { from, to, radius },
-        is_touchable: false,
-    })
+    let (name, shape) = (format!("stem of ball {}", ball.id), BodyShape::Cylinder { from, to, radius });
+    is_declared.then_some(ArtefactBody { name, shape, is_touchable: false })
 }
 
 #[cfg(test)]

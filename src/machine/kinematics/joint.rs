@@ -28,12 +28,10 @@ impl Joint {
     pub(super) fn new(axis: Axis, branch_sign: f64, machine: &Machine) -> Result<Self, KinematicsError> {
         match machine.axes.get(&axis) {
             Some(spec) => Self::from_stated_axis(axis, branch_sign, spec),
-            None if axis == Axis::S => Ok(Self {
-                axis,
-                command_sign: branch_sign,
-                direction: axis.nominal_direction(),
-                point: Vector3::zeros(),
-            }),
+            None if axis == Axis::S => {
+                let (direction, point) = (axis.nominal_direction(), Vector3::zeros());
+                Ok(Self { axis, command_sign: branch_sign, direction, point })
+            }
             None => Err(KinematicsError::NotInAxes { axis, topology: machine.topology.clone() }),
         }
     }
