@@ -48,6 +48,23 @@ impl KinematicChain {
         &self.topology
     }
 
+    /// Parses the names of error parameters of this machine.
+    ///
+    /// # Errors
+    /// A name is invalid, belongs to an axis that the machine does not have, or occurs twice.
+    pub fn parse_parameters(&self, names: &[String]) -> Result<Vec<ErrorParameter>, KinematicsError> {
+        let mut parameters = Vec::new();
+        for name in names {
+            let parameter: ErrorParameter = name.parse()?;
+            self.check_parameter_axis(parameter)?;
+            if parameters.contains(&parameter) {
+                return Err(KinematicsError::DuplicateParameter { name: name.clone() });
+            }
+            parameters.push(parameter);
+        }
+        Ok(parameters)
+    }
+
     /// Checks that this machine has the axis of `parameter`; errors of other axes have no effect.
     pub fn check_parameter_axis(&self, parameter: ErrorParameter) -> Result<(), KinematicsError> {
         if self.topology.contains(parameter.axis()) {

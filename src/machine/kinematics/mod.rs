@@ -42,6 +42,10 @@ pub enum KinematicsError {
     InvalidDirectionOrPoint { axis: Axis },
     #[error("{parameter} is an error of axis {axis}, which the machine {topology} does not have; remove the parameter")]
     NoSuchAxis { parameter: ErrorParameter, axis: Axis, topology: String },
+    #[error(transparent)]
+    InvalidParameter(#[from] InvalidErrorParameter),
+    #[error("`{name}` is listed twice")]
+    DuplicateParameter { name: String },
     #[error("the table does not turn on {axis}; check the topology")]
     NoTableAxis { axis: Axis },
     #[error("X, Y and Z do not span space; check the directions in [axes.X], [axes.Y], [axes.Z]")]

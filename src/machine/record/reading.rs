@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::plan::Step;
 use crate::Position;
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,6 +72,22 @@ pub struct Reading {
     pub flag: ReadingFlag,
     #[serde(default)]
     pub temperatures_c: Temperatures,
+}
+
+impl Reading {
+    /// A reading at the time `t_s` as if the touch made contact at its start point.
+    pub fn at_touch_start(step: &Step, t_s: f64) -> Self {
+        Self {
+            step: step.id,
+            repeat: 0,
+            position: step.from.clone(),
+            value_mm: None,
+            sensor: step.first_sensor().to_owned(),
+            t_s,
+            flag: ReadingFlag::None,
+            temperatures_c: Temperatures::default(),
+        }
+    }
 }
 
 /// Temperature, °C, by the name of the thermometer; a thermometer without a value is not contained. All samples of

@@ -69,10 +69,6 @@ impl LatencyEstimate {
         std::iter::once(-velocity).chain(lags.map(|half| -half)).collect()
     }
 
-    pub fn unknown_names(&self) -> Vec<String> {
-        latency_unknown_names(&self.moved_axes)
-    }
-
     /// Values in the order of the names, s and mm.
     pub fn values_of_unknowns(&self) -> Vec<f64> {
         let lags = self.moved_axes.iter().map(|axis| self.lost_motion_mm.dot(&axis.nominal_direction()));
@@ -256,7 +252,8 @@ impl LatencyIteration {
     }
 }
 
-fn latency_unknown_names(axes: &[Axis]) -> Vec<String> {
+/// Names of τ and of the lags of `axes`.
+pub fn latency_unknown_names(axes: &[Axis]) -> Vec<String> {
     let lags = axes.iter().map(|axis| format!("reversal_{axis}"));
     std::iter::once("latency".to_owned()).chain(lags).collect()
 }

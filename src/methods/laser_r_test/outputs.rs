@@ -6,11 +6,12 @@ use nalgebra::Vector3;
 
 use super::centre_equations::{BEAM_GAIN_INDEX, BEAM_UNKNOWN_COUNT, gain_deviation};
 use super::estimate_notes;
-use super::latency::LatencyEstimate;
+use super::latency::{LatencyEstimate, latency_unknown_names};
 use super::pose_groups::PoseGroup;
 use super::result::IdentificationResult;
 use super::scan_purpose::describe_rotary_position;
 use super::sphere_model::{MachineEquations, with_linear_axes};
+use crate::ball_measurement::tilts_table;
 use crate::identification::{IdentificationOutputs, OutputParameter, function_of_numbered_values, reported_unit};
 use machine::record::estimate::{
     ArrowFigure, ArrowGroup, Estimate, EstimatedFunction, FigureArrow, FunctionFigureKind, Unit, VectorFigureKind,
@@ -42,7 +43,7 @@ pub fn build_outputs(
     latency: Option<&LatencyEstimate>,
     x: &[f64],
 ) -> IdentificationOutputs {
-    let latency = latency.map_or_else(Vec::new, LatencyEstimate::unknown_names);
+    let latency = latency.map_or_else(Vec::new, |latency| latency_unknown_names(&latency.moved_axes));
     let beam = x.len() - names.len() - latency.len();
     let errors = problem.model.parameters.iter().map(reported_unit);
     let machine_names = names.iter().cloned().zip(errors.chain(repeat(Unit::Mm)));
@@ -86,7 +87,7 @@ fn arrow_figure(
     modelled: Option<&[Vector3<f64>]>,
 ) -> ArrowFigure {
     let chain = &result.setup.chain;
-    let tilting = |axis: Axis| super::parameter_selection::tilts_table(chain, axis) && axis != Axis::S;
+    let tilting = |axis: Axis| tilts_table(chain, axis) && axis != Axis::S;
     let ball = result.machine_equations.model.ball_centre(&result.machine_fit.x);
     let mut groups: Vec<(Position, ArrowGroup)> = Vec::new();
     for i in pose_order(result, tilting) {

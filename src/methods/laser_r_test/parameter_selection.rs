@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 
 use super::sphere_model::{POSITION_UNKNOWN_COUNT, SphereModel, with_linear_axes};
 use crate::MethodRefusal;
+use crate::ball_measurement::tilts_table;
 use estimation::independence::{find_linear_combination, independent_candidate_indices};
 use estimation::null_space_names::name_null_space;
 use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
@@ -32,12 +33,6 @@ pub struct ParameterSelection {
 pub fn table_rotary_axes(chain: &KinematicChain) -> Vec<Axis> {
     let axes = chain.topology().workpiece_branch().iter().copied();
     axes.filter(|axis| !axis.is_linear()).collect()
-}
-
-/// Whether a rotation of the axis tilts the table.
-pub fn tilts_table(chain: &KinematicChain, axis: Axis) -> bool {
-    let turned = chain.machine_from_table(&Position::new().with(axis, 1.0), &[]);
-    turned.rotation[(2, 2)] < 1.0 - 1e-6
 }
 
 /// Selects the machine errors: the user's `names`, or all location errors of the table's rotary axes that one sphere
@@ -100,22 +95,8 @@ fn harmonic_candidates(chain: &KinematicChain, orders: &[u32]) -> Result<Vec<Err
 }
 
 fn parse_parameters(chain: &KinematicChain, names: &[String]) -> Result<Vec<ErrorParameter>, MethodRefusal> {
-    let refused = |why: String| {
-        MethodRefusal::new(
-            why,
-            "correct `parameters`, or omit it: then all errors that one sphere separates are identified",
-        )
-    };
-    let mut parameters: Vec<ErrorParameter> = Vec::new();
-    for name in names {
-        let parameter: ErrorParameter = name.parse().map_err(|why| refused(format!("{why}")))?;
-        chain.check_parameter_axis(parameter).map_err(|why| refused(format!("{why}")))?;
-        if parameters.contains(&parameter) {
-            return Err(refused(format!("`{name}` is listed twice")));
-        }
-        parameters.push(parameter);
-    }
-    Ok(parameters)
+    let remedy = "correct `parameters`, or omit it: then all errors that one sphere separates are identified";
+    chain.parse_parameters(names).map_err(|why| MethodRefusal::new(why.to_string(), remedy))
 }
 
 /// Names of all unknowns except those of the beam.

@@ -2,9 +2,10 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::parameter_selection::{table_rotary_axes, tilts_table};
+use super::parameter_selection::table_rotary_axes;
 use super::settings::{LaserRTestSettings, MeasuringDevice};
 use crate::MethodRefusal;
+use crate::ball_measurement::tilts_table;
 use machine::frame::unit_vector;
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Artefact, Ball, Balls};

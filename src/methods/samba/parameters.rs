@@ -36,21 +36,8 @@ pub fn select_parameters(
     if names.is_empty() {
         return Ok(implied_parameters(conditions));
     }
-    let mut parameters: Vec<ErrorParameter> = Vec::new();
-    for name in names {
-        let parameter = name.parse::<ErrorParameter>().map_err(refuse_parameters)?;
-        conditions.chain.check_parameter_axis(parameter).map_err(refuse_parameters)?;
-        if parameters.contains(&parameter) {
-            return Err(refuse_parameters(format!("`{name}` is listed twice")));
-        }
-        parameters.push(parameter);
-    }
-    Ok(parameters)
-}
-
-fn refuse_parameters(reason: impl ToString) -> MethodRefusal {
     let remedy = "correct `parameters`, or omit it: then the errors that the topology implies are identified";
-    MethodRefusal::new(reason.to_string(), remedy)
+    conditions.chain.parse_parameters(names).map_err(|why| MethodRefusal::new(why.to_string(), remedy))
 }
 
 /// The complete and non-redundant set of location errors and gains, with free balls, a free stylus and one

@@ -15,7 +15,7 @@ use crate::{IdentifyError, MethodRefusal};
 use estimation::linear_least_squares::RankAnalysis;
 use estimation::null_space_names::name_null_space;
 use machine::record::plan::{Plan, Step};
-use machine::record::reading::{Reading, ReadingFlag};
+use machine::record::reading::Reading;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7275_6564;
@@ -55,16 +55,7 @@ pub fn check_well_posed(setup: &SelfCalibrationSetup<'_>) -> Result<(), MethodRe
 
 /// A reading at the start of its touch. Only its position in the design is used.
 pub fn reading_at_touch_start(step: &Step) -> Reading {
-    Reading {
-        step: step.id,
-        repeat: 0,
-        position: step.from.clone(),
-        value_mm: None,
-        sensor: step.first_sensor().to_owned(),
-        t_s: f64::from(step.id) + 1.0,
-        flag: ReadingFlag::None,
-        temperatures_c: Default::default(),
-    }
+    Reading::at_touch_start(step, f64::from(step.id) + 1.0)
 }
 
 fn observe_readings(
@@ -94,9 +85,7 @@ pub struct FittedRun {
 /// Readings are missing, do not belong to the plan, or do not separate the unknowns.
 pub fn fit_readings(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> Result<FittedRun, IdentifyError> {
     let (layout, observed) = observe_readings(setup, readings)?;
-    let ObservedReadings {
-        observations, half_duration_s, has_times, short_segment_reading_count: unused_count, ..
-    } = observed;
+    let ObservedReadings { observations, half_duration_s, has_times, short_segment_reading_count, .. } = observed;
     let mut sources = uncertainty_sources(setup, &layout, &observations, half_duration_s);
     sources.extend(rotary_axis_sources(setup, &layout, &observations));
     let variances = block_covariances::<1>(&sources, observations.len());
@@ -106,7 +95,7 @@ pub fn fit_readings(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> R
         sources.push(interruption_step_source(&fit.layout, &fit.observations, &fit.x));
     }
     let outputs = outputs::build_outputs(&fit.layout, setup.axis.axis, &setup.heights_in_machine_mm, &fit.x);
-    Ok(FittedRun { fit, sources, outputs, has_times, short_segment_reading_count: unused_count })
+    Ok(FittedRun { fit, sources, outputs, has_times, short_segment_reading_count })
 }
 
 /// The solved readings of a run with their uncertainty, from which the estimate is written.
@@ -129,8 +118,7 @@ pub fn solve_readings<'a>(
     readings: &[Reading],
     with_trials: bool,
 ) -> Result<SolvedRun<'a>, IdentifyError> {
-    let FittedRun { fit, sources, outputs, has_times, short_segment_reading_count: unused_count } =
-        fit_readings(setup, readings)?;
+    let FittedRun { fit, sources, outputs, has_times, short_segment_reading_count } = fit_readings(setup, readings)?;
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().zip(&fit.sigma).map(|(r, s)| r / s).collect();
     let solution = SolvedModel {
@@ -142,15 +130,8 @@ pub fn solve_readings<'a>(
     };
     let trials = with_trials.then(|| trial_settings(setup.settings.monte_carlo_trials, &fit));
     let identification = identification::identify(&solution, &sources, outputs, trials)?;
-    let sense = rotation_sense::check_rotation_sense(&fit);
-    Ok(SolvedRun {
-        setup,
-        fit,
-        identification,
-        rotation_sense_check: sense,
-        has_times,
-        short_segment_reading_count: unused_count,
-    })
+    let rotation_sense_check = rotation_sense::check_rotation_sense(&fit);
+    Ok(SolvedRun { setup, fit, identification, rotation_sense_check, has_times, short_segment_reading_count })
 }
 
 /// One measurement per touch. Deviations are along the ray, positive outward.
