@@ -75,28 +75,21 @@ fn planned_rest_check_round_count(setup: &MeasurementSetup<'_>) -> usize {
 /// accessible, then at others for the remaining balls. The rest check with one ball and the visits follow.
 fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch_rounds: usize) -> Vec<StageRequest> {
     let searches = choose_search_visits(visits);
-    let request = |pass, number: usize, balls: &[usize]| StageRequest {
-        purpose: pass,
-        label_index: number,
-        visit_index: number,
+    let request = |purpose, label_index, visit_index, balls: &[usize]| StageRequest {
+        purpose,
+        label_index,
+        visit_index,
         ball_indices: balls.to_vec(),
     };
     let every = setup.touch_settings.search_mode == SearchMode::Every;
-    let mut requests: Vec<StageRequest> = searches
-        .iter()
-        .map(|(visit, new)| {
-            let all = visits.get(*visit).map_or(new, |visit| if every { &visit.ball_indices } else { new });
-            request(MeasurementPurpose::Find, *visit, all)
-        })
-        .collect();
-    let repeated = |pass: MeasurementPurpose, number: usize| {
+    let search = |(visit, new): &(usize, Vec<usize>)| {
+        let all = visits.get(*visit).map_or(new, |visit| if every { &visit.ball_indices } else { new });
+        request(MeasurementPurpose::Find, *visit, *visit, all)
+    };
+    let mut requests: Vec<StageRequest> = searches.iter().map(search).collect();
+    let repeated = |purpose: MeasurementPurpose, round: usize| {
         let (visit, balls) = searches.first()?;
-        Some(StageRequest {
-            purpose: pass,
-            label_index: number,
-            visit_index: *visit,
-            ball_indices: vec![*balls.first()?],
-        })
+        Some(request(purpose, round, *visit, balls.get(..1)?))
     };
     let reference =
         |round| repeated(MeasurementPurpose::Reference, round).filter(|_| setup.touch_settings.has_references);
@@ -106,9 +99,9 @@ fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch
         if number > 0 && number == visits.len() / 2 {
             requests.extend(reference(1));
         }
-        let mut slow = request(MeasurementPurpose::Slow, number, &visit.ball_indices);
+        let mut slow = request(MeasurementPurpose::Slow, number, number, &visit.ball_indices);
         if every && !searches.iter().any(|(searched, _)| *searched == number) {
-            requests.push(request(MeasurementPurpose::Find, number, &visit.ball_indices));
+            requests.push(request(MeasurementPurpose::Find, number, number, &visit.ball_indices));
             // The slow measurement takes the path of the search backwards.
             slow.ball_indices.reverse();
         }
@@ -183,23 +176,20 @@ fn build_stage(
 }
 
 fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], request: &StageRequest) -> String {
-    let at = visits
-        .get(request.visit_index)
-        .map_or(String::new(), |visit| describe_rotary_axes_in_degrees(&visit.rotary_position));
+    let of_visit = |action: &str| {
+        let visit = visits.get(request.visit_index);
+        let at = visit.map_or(String::new(), |visit| describe_rotary_axes_in_degrees(&visit.rotary_position));
+        format!("{action} at {at} ({} of {})", request.label_index + 1, visits.len())
+    };
+    let of_ball = |action: &str| {
+        let ball = request.ball_indices.first().and_then(|ball| setup.balls.balls.get(*ball));
+        format!("{action}: ball {}", ball.map_or("", |ball| &ball.id))
+    };
     match request.purpose {
-        MeasurementPurpose::Find | MeasurementPurpose::Slow => {
-            let action = if request.purpose == MeasurementPurpose::Find { "find" } else { "measure" };
-            format!("{action} at {at} ({} of {})", request.label_index + 1, visits.len())
-        }
-        MeasurementPurpose::RestCheck | MeasurementPurpose::Reference => {
-            let ball = request.ball_indices.first().and_then(|ball| setup.balls.balls.get(*ball));
-            let what = if request.purpose == MeasurementPurpose::RestCheck {
-                "rest check of the machine"
-            } else {
-                "reference"
-            };
-            format!("{what}: ball {}", ball.map_or("", |ball| &ball.id))
-        }
+        MeasurementPurpose::Find => of_visit("find"),
+        MeasurementPurpose::Slow => of_visit("measure"),
+        MeasurementPurpose::RestCheck => of_ball("rest check of the machine"),
+        MeasurementPurpose::Reference => of_ball("reference"),
     }
 }
 

@@ -1,7 +1,10 @@
 //! The references of a plan: reference points that are touched, or measured by a sensor, repeatedly to see whether the
 //! machine has moved.
 
+use nalgebra::Vector3;
+
 use super::reference_shifts::{ReferencePair, ReferenceShift, ShiftLimits, TouchScatter};
+use machine::frame::unit_vector;
 use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Stage, Step, StepKind};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
@@ -13,9 +16,8 @@ const MIN_SAME_DIRECTION_COSINE: f64 = 0.999_85;
 
 /// One reference point and its readings before the stop.
 struct ReferencePoint<'a> {
-    /// The newest step that measured the reference point.
-    newest_step: &'a Step,
-    scan_measurement_index: usize,
+    /// The last measurement of the point before the stop.
+    newest: ReferenceMeasurement<'a>,
     /// Measurements of the point before the stop, in their order.
     measurements: Vec<ReferenceMeasurement<'a>>,
 }
@@ -84,22 +86,15 @@ impl<'a> ReferencePoints<'a> {
         let mut references: Vec<ReferencePoint<'a>> = Vec::new();
         for measurement in reference_measurements(plan, readings.get(..agreed).unwrap_or_default()) {
             let is_same_point = |reference: &&mut ReferencePoint<'_>| {
-                reference.scan_measurement_index == measurement.scan_measurement_index
-                    && have_same_path(reference.newest_step, measurement.step)
+                reference.newest.scan_measurement_index == measurement.scan_measurement_index
+                    && have_same_path(reference.newest.step, measurement.step)
             };
             match references.iter_mut().find(is_same_point) {
                 Some(reference) => {
-                    reference.newest_step = measurement.step;
+                    reference.newest = measurement;
                     reference.measurements.push(measurement);
                 }
-                None => {
-                    let ReferenceMeasurement { step, scan_measurement_index: point, .. } = measurement;
-                    references.push(ReferencePoint {
-                        newest_step: step,
-                        scan_measurement_index: point,
-                        measurements: vec![measurement],
-                    });
-                }
+                None => references.push(ReferencePoint { newest: measurement, measurements: vec![measurement] }),
             }
         }
         Self { plan, points: references }
@@ -111,7 +106,7 @@ impl<'a> ReferencePoints<'a> {
         let mut reference_steps = self.plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
         !self.points.is_empty()
             && reference_steps
-                .all(|step| self.points.iter().any(|reference| have_same_direction(reference.newest_step, step)))
+                .all(|step| self.points.iter().any(|reference| have_same_direction(reference.newest.step, step)))
     }
 
     /// The stage that measures all reference points again, after the given stages.
@@ -119,9 +114,9 @@ impl<'a> ReferencePoints<'a> {
         let stops = stages.iter().filter(|stage| stage.repeat >= FIRST_REPEAT_NUMBER_AFTER_STOP).count();
         let last = stages.last();
         let touches =
-            |stage: &&Stage| self.points.iter().any(|reference| stage.steps.contains(&reference.newest_step.id));
+            |stage: &&Stage| self.points.iter().any(|reference| stage.steps.contains(&reference.newest.step.id));
         // A stage records the artefact position for which its steps are planned; a later stage may assume another.
-        let mut steps: Vec<u32> = self.points.iter().map(|reference| reference.newest_step.id).collect();
+        let mut steps: Vec<u32> = self.points.iter().map(|reference| reference.newest.step.id).collect();
         // The points of a scan are reference points of one step.
         steps.dedup();
         let touching_stage = stages.iter().rev().find(touches);
@@ -155,27 +150,21 @@ impl<'a> ReferencePoints<'a> {
             let is_same_point = repeated.iter().filter(|measurement| reference.is_measured_by(measurement));
             is_same_point.map(|measurement| measurement.outward_position_mm).collect()
         };
-        let series: Vec<Vec<f64>> = self
-            .points
-            .iter()
-            .flat_map(|reference| [reference.outward_positions_before_stop_mm(), after(reference)])
-            .collect();
+        let both = |reference: &ReferencePoint<'_>| [reference.outward_positions_before_stop_mm(), after(reference)];
+        let series: Vec<Vec<f64>> = self.points.iter().flat_map(both).collect();
         let scatter = TouchScatter::from_series(self.declared_repeatability_mm(), &series);
         let drift_mm_per_s = self.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
-        let pairs: Vec<ReferencePair> = self
-            .points
-            .iter()
-            .filter_map(|reference| {
-                let is_new = |measurement: &&ReferenceMeasurement<'_>| reference.is_measured_by(measurement);
-                let (before, after) = (reference.measurements.last()?, repeated.iter().find(is_new)?);
-                Some(ReferencePair {
-                    label: reference.label(),
-                    position_before_after_mm: [before, after].map(|measurement| measurement.outward_position_mm),
-                    times_in_run_before_after_s: [before.time_in_run_s, after.time_in_run_s],
-                    resolution_mm: self.resolution_along_touch_mm(reference.newest_step),
-                })
+        let pair = |reference: &ReferencePoint<'_>| {
+            let before = &reference.newest;
+            let after = repeated.iter().find(|measurement| reference.is_measured_by(measurement))?;
+            Some(ReferencePair {
+                label: reference.label(),
+                position_before_after_mm: [before, after].map(|measurement| measurement.outward_position_mm),
+                times_in_run_before_after_s: [before.time_in_run_s, after.time_in_run_s],
+                resolution_mm: self.resolution_along_touch_mm(before.step),
             })
-            .collect();
+        };
+        let pairs: Vec<ReferencePair> = self.points.iter().filter_map(pair).collect();
         let limits = ShiftLimits::new(scatter, pairs.len(), drift_mm_per_s);
         let shifts = pairs.iter().map(|pair| ReferenceShift::from_pair(pair, &limits)).collect();
         (shifts, scatter)
@@ -192,27 +181,28 @@ impl<'a> ReferencePoints<'a> {
     /// One step of the displayed position along the touch, mm.
     fn resolution_along_touch_mm(&self, step: &Step) -> f64 {
         let width = |axis| self.plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
-        let parts = touch_direction(step).map(|(axis, part)| (part * width(axis) * 1e-3).powi(2));
-        parts.iter().sum::<f64>().sqrt()
+        let widths = Vector3::from(Axis::LINEAR.map(width));
+        (touch_direction(step).component_mul(&widths) * 1e-3).norm()
     }
 }
 
 impl ReferencePoint<'_> {
     fn is_measured_by(&self, measurement: &ReferenceMeasurement<'_>) -> bool {
-        (measurement.step.id, measurement.scan_measurement_index) == (self.newest_step.id, self.scan_measurement_index)
+        let identity =
+            |measurement: &ReferenceMeasurement<'_>| (measurement.step.id, measurement.scan_measurement_index);
+        identity(measurement) == identity(&self.newest)
     }
 
     fn label(&self) -> String {
-        match self.newest_step.scan {
-            None => self.newest_step.label.clone(),
-            Some(_) => {
-                let sensors = self.newest_step.sensors.len().max(1);
-                let point = format!("{}, point {}", self.newest_step.label, self.scan_measurement_index / sensors + 1);
-                match self.newest_step.sensors.get(self.scan_measurement_index % sensors) {
-                    Some(sensor) if sensors > 1 => format!("{point}, {sensor}"),
-                    _ => point,
-                }
-            }
+        let ReferenceMeasurement { step, scan_measurement_index, .. } = self.newest;
+        if step.scan.is_none() {
+            return step.label.clone();
+        }
+        let sensors = step.sensors.len().max(1);
+        let point = format!("{}, point {}", step.label, scan_measurement_index / sensors + 1);
+        match step.sensors.get(scan_measurement_index % sensors) {
+            Some(sensor) if sensors > 1 => format!("{point}, {sensor}"),
+            _ => point,
         }
     }
 
@@ -237,20 +227,16 @@ pub fn largest_shift_limit_mm(plan: &Plan, readings: &[Reading], stop_time_s: f6
 }
 
 /// Unit vector of the touch; for a scan, the direction opposite to the normal of its surface.
-fn touch_direction(step: &Step) -> [(Axis, f64); 3] {
+fn touch_direction(step: &Step) -> Vector3<f64> {
     let direction = match step.scan {
-        None => Axis::LINEAR.map(|axis| step.to.get_or_zero(axis) - step.from.get_or_zero(axis)),
-        Some(_) => step.normal.map(|part| -part),
+        None => step.to.xyz_or_zero() - step.from.xyz_or_zero(),
+        Some(_) => -Vector3::from(step.normal),
     };
-    let length = direction.iter().map(|part| part * part).sum::<f64>().sqrt();
-    let [x, y, z] = direction.map(|part| if length > 0.0 { part / length } else { 0.0 });
-    let [ax, ay, az] = Axis::LINEAR;
-    [(ax, x), (ay, y), (az, z)]
+    unit_vector(direction).unwrap_or_default()
 }
 
 fn have_same_direction(one: &Step, other: &Step) -> bool {
-    let along: f64 = touch_direction(one).iter().zip(touch_direction(other)).map(|((_, a), (_, b))| a * b).sum();
-    along > MIN_SAME_DIRECTION_COSINE
+    touch_direction(one).dot(&touch_direction(other)) > MIN_SAME_DIRECTION_COSINE
 }
 
 /// Position against the direction of the touch, mm; for a sample, minus the distance to the surface, because only
@@ -258,10 +244,7 @@ fn have_same_direction(one: &Step, other: &Step) -> bool {
 fn outward_position_mm(step: &Step, reading: &Reading) -> f64 {
     match reading.value_mm {
         Some(distance) => -distance,
-        None => {
-            let at = |(axis, part): (Axis, f64)| part * reading.position.get_or_zero(axis);
-            -touch_direction(step).map(at).iter().sum::<f64>()
-        }
+        None => -touch_direction(step).dot(&reading.position.xyz_or_zero()),
     }
 }
 

@@ -108,8 +108,7 @@ impl UncertaintySource {
     /// is expected in the residuals and does not enter the weights. `None`: the estimate lacks a parameter or
     /// the covariance.
     pub fn from_prior(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Self> {
-        let parameters: Vec<&Parameter> =
-            symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
+        let parameters = find_parameters(prior, symbols)?;
         let columns = value_changes_by_prior_draws(prior, symbols, columns)?;
         Some(Self {
             dof: parameters.iter().filter_map(|p| p.dof).fold(f64::INFINITY, f64::min),
@@ -169,15 +168,15 @@ impl UncertaintySource {
     }
 }
 
-fn find_parameter<'a>(prior: &'a Estimate, symbol: &str) -> Option<&'a Parameter> {
-    prior.parameters.iter().find(|parameter| parameter.symbol == symbol)
+fn find_parameters<'a>(prior: &'a Estimate, symbols: &[&str]) -> Option<Vec<&'a Parameter>> {
+    let find = |symbol: &&str| prior.parameters.iter().find(|parameter| parameter.symbol == *symbol);
+    symbols.iter().map(find).collect()
 }
 
 /// Covariance of the parameters `symbols` in internal units (mm, rad, mm/mm, s). `None`: the estimate lacks a
 /// parameter or the covariance.
 pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> {
-    let parameters: Vec<&Parameter> =
-        symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
+    let parameters = find_parameters(prior, symbols)?;
     let index = |p: &&Parameter| prior.covariance.symbols.iter().position(|s| *s == p.symbol);
     let indices: Vec<usize> = parameters.iter().map(index).collect::<Option<_>>()?;
     let edge: Vec<f64> = parameters.iter().map(|p| p.unit.to_reported_value(1.0)).collect();

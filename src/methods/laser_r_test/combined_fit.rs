@@ -57,9 +57,8 @@ impl ObservationModel for CombinedFit<'_> {
 
     fn linear_response(&self, change: &[f64]) -> LinearResponse {
         let centres = multiply_vector(self.centre_gain_matrix, change);
-        let LinearResponse { unknown_changes: unknowns, residual_changes: residuals } =
-            self.machine_fit.linear_response(&self.centre_changes_in_table(&centres));
-        LinearResponse { unknown_changes: self.join_unknowns(unknowns, &centres), residual_changes: residuals }
+        let response = self.machine_fit.linear_response(&self.centre_changes_in_table(&centres));
+        LinearResponse { unknown_changes: self.join_unknowns(response.unknown_changes, &centres), ..response }
     }
 
     fn leverage(&self) -> Vec<f64> {

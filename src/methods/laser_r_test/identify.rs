@@ -95,22 +95,22 @@ fn fit_centres(
     readings: &[Reading],
 ) -> Result<(ObservedScans, GroupedScans, NonlinearSolution), IdentifyError> {
     let mut observed = observe_scans(setup, readings)?;
-    let mut grouped = group_scans(setup, &mut observed)?;
-    check_heights_determine_beam_direction(setup, &observed, &grouped)?;
-    let mut centre_fit = solve_centres(&grouped)?;
+    let (mut grouped, mut centre_fit) = group_scans_and_solve_centres(setup, &mut observed)?;
     if !setup.uses_touch_probe() && remove_oblique_samples(setup, &mut observed, &grouped, &centre_fit) {
-        grouped = group_scans(setup, &mut observed)?;
-        check_heights_determine_beam_direction(setup, &observed, &grouped)?;
-        centre_fit = solve_centres(&grouped)?;
+        (grouped, centre_fit) = group_scans_and_solve_centres(setup, &mut observed)?;
     }
     Ok((observed, grouped, centre_fit))
 }
 
-fn solve_centres(grouped: &GroupedScans) -> Result<NonlinearSolution, IdentifyError> {
-    grouped
-        .centre_equations
-        .solve()
-        .map_err(|error| IdentifyError::IdentificationFailed(format!("fit of the spheres: {error}")))
+fn group_scans_and_solve_centres(
+    setup: &LaserSetup<'_>,
+    observed: &mut ObservedScans,
+) -> Result<(GroupedScans, NonlinearSolution), IdentifyError> {
+    let grouped = group_scans(setup, observed)?;
+    check_heights_determine_beam_direction(setup, observed, &grouped)?;
+    let failed = |error: NonlinearError| IdentifyError::IdentificationFailed(format!("fit of the spheres: {error}"));
+    let centre_fit = grouped.centre_equations.solve().map_err(failed)?;
+    Ok((grouped, centre_fit))
 }
 
 fn check_heights_determine_beam_direction(

@@ -6,7 +6,7 @@ use super::scan_purpose::ScanPurpose;
 use machine::Position;
 
 /// Mean of the samples at one dwell point, or in one cell of a continuous scan.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct SampleMean {
     /// Axis positions X, Y, Z, mm.
     pub linear_axis_positions_mm: Vector3<f64>,

@@ -129,13 +129,8 @@ fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<Interrupt
             ),
         )),
     };
-    Ok(plan
-        .interruption_times_s
-        .iter()
-        .copied()
-        .filter(has_later_readings)
-        .map(with_limit)
-        .collect::<Result<_, _>>()?)
+    let times_s = plan.interruption_times_s.iter().copied().filter(has_later_readings);
+    Ok(times_s.map(with_limit).collect::<Result<_, _>>()?)
 }
 
 /// Estimates the latency from the latency scans.
@@ -192,7 +187,7 @@ fn read_uncorrected_scan(
     setup: &LaserSetup<'_>,
     step: &Step,
     purpose: ScanPurpose,
-    steps: usize,
+    step_count: usize,
     readings: &[&Reading],
     observed: &mut ObservedScans,
 ) -> UncorrectedScan {
@@ -215,24 +210,18 @@ fn read_uncorrected_scan(
             reading_mm,
             sample_count: 1,
             time_in_run_s: reading.t_s,
-            velocity: Vector3::zeros(),
-            last_motion_sign: Vector3::zeros(),
+            ..SampleMean::default()
         });
     }
-    let history = step
-        .scan
-        .as_ref()
-        .filter(|scan| matches!(scan.sampling, Sampling::Continuous { .. }))
-        .map(|scan| (PositionHistory::new(readings), scan.path.iter().map(Position::xyz_or_zero).collect()));
-    let points = if history.is_some() { Vec::new() } else { group_into_points(step, samples) };
+    let continuous = step.scan.as_ref().filter(|scan| matches!(scan.sampling, Sampling::Continuous { .. }));
+    let history_and_path =
+        continuous.map(|scan| (PositionHistory::new(readings), scan.path.iter().map(Position::xyz_or_zero).collect()));
+    let points = if continuous.is_some() { Vec::new() } else { group_into_points(step, samples) };
     let sample_means =
         points.iter().map(|all| average_samples(all, &mut observed.scatter_square_sum_and_dof)).collect();
     let (label, machine_from_spindle) = (measurement_label(step).to_owned(), setup.machine_from_spindle(&rotary));
-    UncorrectedScan {
-        measured_scan: MeasuredScan { purpose, label, machine_from_spindle, rotary_positions: rotary, sample_means },
-        history_and_path: history,
-        step_count: steps,
-    }
+    let measured_scan = MeasuredScan { purpose, label, machine_from_spindle, rotary_positions: rotary, sample_means };
+    UncorrectedScan { measured_scan, history_and_path, step_count }
 }
 
 /// Groups samples of a step without continuous motion into points. Samples at unchanged axis positions belong to one
@@ -240,12 +229,9 @@ fn read_uncorrected_scan(
 fn group_into_points(step: &Step, samples: Vec<SampleMean>) -> Vec<Vec<SampleMean>> {
     let mut points: Vec<Vec<SampleMean>> = Vec::new();
     for spot in samples {
+        let xyz = spot.linear_axis_positions_mm;
         let is_same_point = |point: &&mut Vec<SampleMean>| {
-            let first = point.first();
-            first.is_some_and(|first| {
-                first.linear_axis_positions_mm.metric_distance(&spot.linear_axis_positions_mm)
-                    < MAX_STANDSTILL_MOTION_MM
-            })
+            point[0].linear_axis_positions_mm.metric_distance(&xyz) < MAX_STANDSTILL_MOTION_MM
         };
         match points.last_mut().filter(is_same_point) {
             Some(point) if step.scan.is_some() => point.push(spot),
@@ -269,7 +255,6 @@ fn average_samples(all: &[SampleMean], square_sum_and_dof: &mut (f64, usize)) ->
         reading_mm,
         sample_count: all.len(),
         time_in_run_s: average(|spot| spot.time_in_run_s),
-        velocity: Vector3::zeros(),
-        last_motion_sign: Vector3::zeros(),
+        ..SampleMean::default()
     }
 }

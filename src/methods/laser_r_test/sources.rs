@@ -10,7 +10,7 @@ use super::observe::{Interruption, ObservedScans};
 use super::pose_groups::{GroupedScans, PoseGroup, sample_std_dev_mm};
 use super::setup::LaserSetup;
 use super::sphere_model::with_linear_axes;
-use crate::identification::declared_sources::{self, RotaryErrorMotion};
+use crate::identification::declared_sources::{self, DEFAULT_ROTARY_MOTION_ORDERS, RotaryErrorMotion};
 use crate::identification::{
     DrawDistribution, EvaluationType, ObservationEffect, ResidualTreatment, UncertaintySource,
 };
@@ -71,23 +71,21 @@ pub fn uncertainty_sources(
 }
 
 /// A source that affects all centres alike. The residuals do not change its size, and it does not enter the weights.
-fn common_source(name: &str, effect: ObservationEffect) -> UncertaintySource {
-    UncertaintySource {
-        residual_treatment: ResidualTreatment::InExpectedChi2,
-        is_in_weights: false,
-        ..UncertaintySource::new(name, effect)
-    }
+fn common_source(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+    UncertaintySource::new_unweighted(name, columns, ResidualTreatment::InExpectedChi2)
 }
 
 impl ScanPointGeometry<'_> {
+    /// One entry for each dwell point, from its mean and its normal.
+    fn column(&self, effect: impl Fn(&SampleMean, &Vector3<f64>) -> f64) -> Vec<f64> {
+        self.grouped.sample_means.iter().zip(&self.normals).map(|(spot, n)| effect(spot, n)).collect()
+    }
+
     fn noise_source(&self, sample_std_dev_mm: f64) -> UncertaintySource {
         let sample_means = self.grouped.sample_means.iter().zip(&self.distance_derivative_by_reading);
         let each =
             sample_means.map(|(spot, along)| sample_std_dev_mm * along.abs() / (spot.sample_count as f64).sqrt());
-        let name = match self.setup.uses_touch_probe() {
-            true => "repeatability of a touch",
-            false => "noise of the sensor",
-        };
+        let name = if self.setup.uses_touch_probe() { "repeatability of a touch" } else { "noise of the sensor" };
         let noise = UncertaintySource::new(name, ObservationEffect::Independent(each.collect()));
         UncertaintySource { evaluation: EvaluationType::A, ..noise }
     }
@@ -135,7 +133,7 @@ impl ScanPointGeometry<'_> {
         let lags: Vec<Vector3<f64>> = sample_means.map(lag).collect();
         let column = |k: usize| lags.iter().zip(&self.normals).map(move |(lag, n)| n[k] * lag[k]);
         let columns = [0, 1, 2].map(|k| column(k).collect());
-        common_source("backlash", ObservationEffect::Joint(columns.into()))
+        common_source("backlash", columns.into())
     }
 
     fn linear_error_motion_source(&self) -> UncertaintySource {
@@ -172,10 +170,8 @@ impl ScanPointGeometry<'_> {
     }
 
     fn rotary_error_motion_source(&self, x: &[f64]) -> UncertaintySource {
-        let motions =
-            declared_sources::rotary_error_motions(self.setup.plan, &declared_sources::DEFAULT_ROTARY_MOTION_ORDERS)
-                .into_iter();
-        let columns = motions.map(|motion| self.rotary_motion_column(x, motion));
+        let motions = declared_sources::rotary_error_motions(self.setup.plan, &DEFAULT_ROTARY_MOTION_ORDERS);
+        let columns = motions.into_iter().map(|motion| self.rotary_motion_column(x, motion));
         UncertaintySource::new("error motions of rotary axes", ObservationEffect::Joint(columns.collect()))
     }
 
@@ -197,10 +193,7 @@ impl ScanPointGeometry<'_> {
         let rate = declared_sources::drift_rate_sd_mm_per_s(self.setup.plan);
         let sample_means = &self.grouped.sample_means;
         let mean = sample_means.iter().map(|spot| spot.time_in_run_s).sum::<f64>() / sample_means.len().max(1) as f64;
-        let along = |k: usize| {
-            let sample_means = sample_means.iter().zip(&self.normals);
-            sample_means.map(|(spot, n)| n[k] * rate * (spot.time_in_run_s - mean)).collect()
-        };
+        let along = |k: usize| self.column(|spot, n| n[k] * rate * (spot.time_in_run_s - mean));
         UncertaintySource::new("thermal drift", ObservationEffect::Joint((0..3).map(along).collect()))
     }
 
@@ -208,12 +201,9 @@ impl ScanPointGeometry<'_> {
     /// limit counts as standard uncertainty, as the distribution is unknown.
     fn interruption_source(&self, interruptions: &[Interruption]) -> UncertaintySource {
         let columns = interruptions.iter().flat_map(|interruption| {
-            (0..3).map(move |k| {
+            [0, 1, 2].map(|k| {
                 let size = interruption.shift_limit_mm * self.sphere_displacement_per_reference_change(k);
-                let sample_means = self.grouped.sample_means.iter().zip(&self.normals);
-                sample_means
-                    .map(|(s, n)| if s.time_in_run_s > interruption.time_in_run_s { n[k] * size } else { 0.0 })
-                    .collect()
+                self.column(|spot, n| if spot.time_in_run_s > interruption.time_in_run_s { n[k] * size } else { 0.0 })
             })
         });
         UncertaintySource::new("steps at interruptions", ObservationEffect::Joint(columns.collect()))
@@ -233,7 +223,7 @@ impl ScanPointGeometry<'_> {
     fn radius_source(&self) -> UncertaintySource {
         // The radius of a touched sphere is an unknown.
         let u = if self.setup.uses_touch_probe() { 0.0 } else { self.setup.settings.radius_u_um * 1e-3 };
-        common_source("radius of the sphere", ObservationEffect::Joint(vec![vec![-u; self.normals.len()]]))
+        common_source("radius of the sphere", vec![vec![-u; self.normals.len()]])
     }
 
     /// The latency and the lost motion of the axes, which are correlated.
@@ -258,7 +248,7 @@ impl ScanPointGeometry<'_> {
         UncertaintySource {
             evaluation: EvaluationType::A,
             direct_unknown_changes: direct_changes,
-            ..common_source("latency of the sensor", ObservationEffect::Joint(columns))
+            ..common_source("latency of the sensor", columns)
         }
     }
 
@@ -270,13 +260,10 @@ impl ScanPointGeometry<'_> {
         let sum: Vector3<f64> = sample_means.iter().map(|spot| spot.linear_axis_positions_mm).sum();
         let mean = sum / sample_means.len().max(1) as f64;
         let column = |(along, by): (usize, usize)| {
-            let sample_means = sample_means.iter().zip(&self.normals);
-            sample_means.map(|(spot, n)| n[along] * sigma * (spot.linear_axis_positions_mm[by] - mean[by])).collect()
+            self.column(|spot, n| n[along] * sigma * (spot.linear_axis_positions_mm[by] - mean[by]))
         };
-        UncertaintySource::new(
-            "squareness of X, Y and Z",
-            ObservationEffect::Joint(SQUARENESS_AXIS_PAIRS.map(column).into()),
-        )
+        let columns = SQUARENESS_AXIS_PAIRS.map(column).into();
+        UncertaintySource::new("squareness of X, Y and Z", ObservationEffect::Joint(columns))
     }
 
     /// Second-degree form error that turns with the table: the radius along a unit vector u changes by uᵀ·S·u, S
@@ -303,7 +290,7 @@ impl ScanPointGeometry<'_> {
         let sigma = self.setup.sensor.incidence_um * 1e-3;
         // Touches are all around the sphere: the tangent of the inclination is not bounded there.
         if sigma == 0.0 || self.setup.uses_touch_probe() {
-            return common_source(name, ObservationEffect::Joint(Vec::new()));
+            return common_source(name, Vec::new());
         }
         let frame = self.grouped.centre_equations.beam_frame;
         let inclinations = self.grouped.centre_equations.scan_points.iter().zip(&self.normals).map(|(row, normal)| {
@@ -317,7 +304,7 @@ impl ScanPointGeometry<'_> {
             rows.map(|(inclination, along)| sigma * along * effect(inclination)).collect()
         };
         let columns = [column(|[x, y]| x * x + y * y), column(|[x, _]| *x), column(|[_, y]| *y)];
-        common_source(name, ObservationEffect::Joint(columns.into()))
+        common_source(name, columns.into())
     }
 }
 

@@ -43,18 +43,16 @@ impl TouchFeeds {
         let min_mm_min = MIN_FEED_RATIO * probe.feed_mm_min;
         let overtravel = probe.overtravel_mm;
         let fits = |feeds: &Self| length_mm(feeds.fast_touch_margin_mm) <= overtravel;
-        let mut feeds = Self::from_fast_feed(machine, probe, settings.fast_feed_mm_min);
+        let largest_mm_min = settings.fast_feed_mm_min.unwrap_or(probe.search_feed_mm_min);
+        let mut feeds = Self::from_fast_feed(machine, probe, largest_mm_min);
         if settings.fast_feed_mm_min.is_none() {
             while feeds.fast_feed_mm_min * FEED_REDUCTION_FACTOR >= min_mm_min && !fits(&feeds) {
-                feeds = Self::from_fast_feed(
-                    machine,
-                    probe,
-                    Some((feeds.fast_feed_mm_min * FEED_REDUCTION_FACTOR).floor()),
-                );
+                feeds = Self::from_fast_feed(machine, probe, (feeds.fast_feed_mm_min * FEED_REDUCTION_FACTOR).floor());
             }
         }
         let Self { fast_feed_mm_min: fast_mm_min, .. } = feeds;
-        let rapid = min_over_linear_axes(machine, |spec| spec.rapid_per_min);
+        let linear = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
+        let rapid = linear.map(|(_, spec)| spec.rapid_per_min).fold(f64::INFINITY, f64::min);
         MethodRefusal::require(
             (min_mm_min..=rapid).contains(&fast_mm_min),
             format!(
@@ -82,27 +80,14 @@ impl TouchFeeds {
         Ok(feeds)
     }
 
-    fn from_fast_feed(machine: &Machine, probe: &Probe, fast_mm_min: Option<f64>) -> Self {
-        let fast_mm_min = fast_mm_min.unwrap_or(probe.search_feed_mm_min);
-        let acceleration_distance_mm = ACCELERATION_DISTANCE_FACTOR * acceleration_distance_mm(machine, fast_mm_min);
-        let margin_mm = acceleration_distance_mm + fast_mm_min / 60.0 * MAX_LATCH_DELAY_S;
-        Self {
-            measuring_feed_mm_min: probe.feed_mm_min,
-            fast_feed_mm_min: fast_mm_min,
-            fast_run_up_mm: acceleration_distance_mm,
-            fast_touch_margin_mm: margin_mm,
-        }
+    fn from_fast_feed(machine: &Machine, probe: &Probe, fast_feed_mm_min: f64) -> Self {
+        let fast_run_up_mm = ACCELERATION_DISTANCE_FACTOR * acceleration_distance_mm(machine, fast_feed_mm_min);
+        let fast_touch_margin_mm = fast_run_up_mm + fast_feed_mm_min / 60.0 * MAX_LATCH_DELAY_S;
+        Self { measuring_feed_mm_min: probe.feed_mm_min, fast_feed_mm_min, fast_run_up_mm, fast_touch_margin_mm }
     }
 }
 
 /// Acceleration distance to the feed on the slowest linear axis: v²/2a.
 pub fn acceleration_distance_mm(machine: &Machine, feed_mm_min: f64) -> f64 {
-    let weakest = min_over_linear_axes(machine, |spec| spec.acceleration_per_s2);
-    (feed_mm_min / 60.0).powi(2) / (2.0 * weakest)
-}
-
-/// Minimum over the linear axes.
-fn min_over_linear_axes(machine: &Machine, value: impl Fn(&machine::record::machine::StatedAxis) -> f64) -> f64 {
-    let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
-    axes.map(|(_, spec)| value(spec)).fold(f64::INFINITY, f64::min)
+    (feed_mm_min / 60.0).powi(2) / (2.0 * machine.min_linear_acceleration_mm_s2())
 }

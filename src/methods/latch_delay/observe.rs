@@ -102,44 +102,30 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
     }
     let feeds_mm_min = slow_and_fast_feed(&steps)?;
     let first = *steps.first().ok_or_else(|| incomplete_run_error("the plan has no touches".to_owned()))?;
-    let mut touches = Vec::new();
-    for (order, step) in steps.iter().enumerate() {
+    let (mut touches, mut orders): (Vec<ObservedTouch>, Vec<f64>) = (Vec::new(), Vec::new());
+    for (index, step) in steps.iter().enumerate() {
         let is_elsewhere =
             |(axis, value): (Axis, f64)| (first.from.get_or_zero(axis) - value).abs() > SAME_START_TOLERANCE_MM;
         if step.from.iter().any(is_elsewhere) {
-            return Err(incomplete_run_error(format!(
-                "{} and {} start at different positions",
-                step.label, first.label
-            )));
+            let reason = format!("{} and {} start at different positions", step.label, first.label);
+            return Err(incomplete_run_error(reason));
         }
         let of_step = readings.iter().filter(|reading| reading.step == step.id);
         for reading in of_step.filter(|reading| reading.flag == ReadingFlag::None) {
             let contact_distance_mm = contact_distance_at_full_feed(plan, step, reading)?;
-            let feed_index = usize::from(step.feed_mm_min == feeds_mm_min[1]);
-            let interruption_count = plan.interruption_times_s.iter().filter(|gap| reading.t_s > **gap).count();
-            let sequence = order + reading.repeat as usize * steps.len();
-            touches.push((
-                sequence,
-                ObservedTouch {
-                    contact_distance_mm,
-                    feed_index,
-                    time_in_run_s_or_order: reading.t_s,
-                    earlier_interruption_count: interruption_count,
-                },
-            ));
+            touches.push(ObservedTouch {
+                contact_distance_mm,
+                feed_index: usize::from(step.feed_mm_min == feeds_mm_min[1]),
+                time_in_run_s_or_order: reading.t_s,
+                earlier_interruption_count: plan.interruption_times_s.iter().filter(|gap| reading.t_s > **gap).count(),
+            });
+            orders.push((index + reading.repeat as usize * steps.len()) as f64);
         }
     }
-    let has_times = touches
-        .iter()
-        .any(|(_, touch)| Some(touch.time_in_run_s_or_order) != touches.first().map(|t| t.1.time_in_run_s_or_order));
-    let touches: Vec<ObservedTouch> = touches
-        .into_iter()
-        .map(
-            |(sequence, touch)| {
-                if has_times { touch } else { ObservedTouch { time_in_run_s_or_order: sequence as f64, ..touch } }
-            },
-        )
-        .collect();
+    let has_times = touches.windows(2).any(|pair| pair[0].time_in_run_s_or_order != pair[1].time_in_run_s_or_order);
+    if !has_times {
+        touches.iter_mut().zip(orders).for_each(|(touch, order)| touch.time_in_run_s_or_order = order);
+    }
     check_touch_count(&touches, feeds_mm_min)?;
     let resolution_mm = control_resolution_mm(plan, touch_direction_and_length(first).0.into());
     let mean_contact_distance_mm =
@@ -154,11 +140,7 @@ fn slow_and_fast_feed(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     feeds.dedup();
     match feeds.as_slice() {
         [slow, fast] if *slow > 0.0 && fast.is_finite() => Ok([*slow, *fast]),
-        _ => Err(incomplete_run_error(format!(
-            "the plan has {} different feeds, two are \
-                                                needed",
-            feeds.len()
-        ))),
+        _ => Err(incomplete_run_error(format!("the plan has {} different feeds, two are needed", feeds.len()))),
     }
 }
 

@@ -93,10 +93,8 @@ impl GeometryProblem {
             }
         }
         let zero = vec![0.0; model.parameters().len()];
-        let machine_from_table: Vec<Matrix3<f64>> = positions
-            .iter()
-            .map(|position| model.tip_function(position, &zero, Vector3::zeros()).inverse_linear_part())
-            .collect();
+        let inverse = |at: &Position| model.tip_function(at, &zero, Vector3::zeros()).inverse_linear_part();
+        let machine_from_table: Vec<Matrix3<f64>> = positions.iter().map(inverse).collect();
         let weights = measurements.iter().map(|s| s.whitening * machine_from_table[s.rotary_position_index]).collect();
         Self {
             model,
@@ -212,11 +210,9 @@ impl GeometryProblem {
     pub fn commanded_to_actual_motion_matrices(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
         let (errors, tool) = self.errors_and_stylus(x);
         let zero = vec![0.0; errors.len()];
-        let nominal = self
-            .rotary_positions
-            .iter()
-            .map(|position| self.model.tip_function(position, &zero, tool).inverse_linear_part());
-        nominal.zip(self.tip_functions(x)).map(|(nominal, tip)| nominal * tip.linear_part()).collect()
+        let inverse = |at: &Position| self.model.tip_function(at, &zero, tool).inverse_linear_part();
+        let nominal = self.rotary_positions.iter().map(inverse);
+        nominal.zip(self.tip_functions(x)).map(|(nominal, tip)| nominal * tip.linear_part).collect()
     }
 
     /// Weighted residuals, measured minus model, in the order of the rows.
@@ -240,11 +236,8 @@ impl GeometryProblem {
     /// The model linearised at `x`, group by group.
     pub fn row_blocks(&self, x: &[f64], measured: &ObservedValues) -> Vec<BlockRows> {
         let (errors, tool) = self.errors_and_stylus(x);
-        let models: Vec<IndexationModel> = self
-            .rotary_positions
-            .par_iter()
-            .map(|position| self.model.linearise_at_indexation(position, errors, tool))
-            .collect();
+        let linearise = |at: &Position| self.model.linearise_at_indexation(at, errors, tool);
+        let models: Vec<IndexationModel> = self.rotary_positions.par_iter().map(linearise).collect();
         let group_rows = |group: &BallGroup| {
             let count = 3 * group.measurement_indices.len() + group.length_indices.len();
             let mut rows = BlockRows::zeros(count, 3 * group.ball_indices.len(), self.model.shared_unknown_count());
@@ -275,20 +268,18 @@ impl GeometryProblem {
         x: &[f64],
         xyz: Vector3<f64>,
     ) {
-        let (weight, ball_unknown) = (
-            self.whitening_matrices_from_table[measurement],
-            self.ball_unknowns[self.measurements[measurement].ball_index],
-        );
-        let value = weight * (vector_at(x, ball_unknown) - indexed.tip_in_table(xyz));
+        let weight = self.whitening_matrices_from_table[measurement];
+        let ball_unknown = self.ball_unknowns[self.measurements[measurement].ball_index];
+        let value = weight * (vector_at(x, ball_unknown) - indexed.tip.value_at(xyz));
         (0..3).for_each(|k| rows.set_right_side(row + k, value[k]));
         let mut set = |j: usize, column: Vector3<f64>| {
             let weighted = weight * column;
             (0..3).for_each(|k| rows.set_common_coefficient(row + k, j, weighted[k]));
         };
-        let errors = self.model.parameters().len();
-        (0..errors).for_each(|j| set(j, indexed.error_derivative(j, xyz)));
+        let errors = &indexed.error_derivative_functions;
+        errors.iter().enumerate().for_each(|(j, derivative)| set(j, derivative.value_at(xyz)));
         for (j, coordinate) in self.model.free_stylus_coordinates().iter().enumerate() {
-            set(errors + j, indexed.stylus_derivatives.column(*coordinate).into_owned());
+            set(errors.len() + j, indexed.stylus_derivatives.column(*coordinate).into_owned());
         }
         for j in 0..3 {
             let column = -weight.column(j);

@@ -45,10 +45,10 @@ impl GeometryModel {
         fixed_axes: Vec<Axis>,
         length_directions: Vec<Vector3<f64>>,
     ) -> Self {
-        let free_stylus =
-            MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions }
-                .free_stylus_coordinates();
-        Self { chain, parameters, fixed_axes, length_directions, free_stylus_coordinates: free_stylus }
+        let free_stylus_coordinates = Vec::new();
+        let mut model = Self { chain, parameters, fixed_axes, length_directions, free_stylus_coordinates };
+        model.free_stylus_coordinates = model.measuring_conditions().free_stylus_coordinates();
+        model
     }
 
     /// The machine of the plan with the errors that the settings select.
@@ -61,11 +61,10 @@ impl GeometryModel {
         settings: &SambaSettings,
         balls: &Balls,
     ) -> Result<Self, MethodRefusal> {
-        let (fixed_axes, length_directions) = (fixed_axes(plan, settings, &chain), length_directions(balls));
-        let conditions =
-            MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions };
-        let parameters = select_parameters(&settings.parameters, conditions)?;
-        Ok(Self::from_parts(chain, parameters, fixed_axes, length_directions))
+        let fixed_axes = fixed_axes(plan, settings, &chain);
+        let mut model = Self::from_parts(chain, Vec::new(), fixed_axes, length_directions(balls));
+        model.parameters = select_parameters(&settings.parameters, model.measuring_conditions())?;
+        Ok(model)
     }
 
     /// The measuring conditions that decide which errors are separable.
@@ -148,29 +147,20 @@ impl GeometryModel {
 /// its derivatives are affine in X, Y, Z. This is exact, and many times faster than computing each pose.
 #[derive(Debug, Clone)]
 pub struct IndexationModel {
-    tip: AffineFunctionOfXyz,
-    error_derivative_functions: Vec<AffineFunctionOfXyz>,
+    /// Position of the tip in the table frame, mm.
+    pub tip: AffineFunctionOfXyz,
+    /// ∂p_w/∂parameter of the tip, for each parameter.
+    pub error_derivative_functions: Vec<AffineFunctionOfXyz>,
     /// ∂p_w/∂tool: R_wᵀ·R_t.
     pub stylus_derivatives: Matrix3<f64>,
-}
-
-impl IndexationModel {
-    /// Position of the tip in the table frame with the linear axes at `xyz`, mm.
-    pub fn tip_in_table(&self, xyz: Vector3<f64>) -> Vector3<f64> {
-        self.tip.value_at(xyz)
-    }
-
-    /// Derivative ∂p_w/∂parameter of the tip for the parameter `parameter_index`.
-    pub fn error_derivative(&self, parameter_index: usize, xyz: Vector3<f64>) -> Vector3<f64> {
-        self.error_derivative_functions[parameter_index].value_at(xyz)
-    }
 }
 
 /// A point of the table frame as an affine function of X, Y, Z.
 #[derive(Debug, Clone, Copy)]
 pub struct AffineFunctionOfXyz {
     value_at_origin: Vector3<f64>,
-    linear_part: Matrix3<f64>,
+    /// Derivative of the point by X, Y, Z: ∂/∂(X, Y, Z).
+    pub linear_part: Matrix3<f64>,
 }
 
 impl AffineFunctionOfXyz {
@@ -178,11 +168,6 @@ impl AffineFunctionOfXyz {
     fn from_samples(at_origin: Vector3<f64>, at_steps: [Vector3<f64>; 3]) -> Self {
         let [x, y, z] = at_steps.map(|at_step| (at_step - at_origin) / AFFINE_STEP_MM);
         Self { value_at_origin: at_origin, linear_part: Matrix3::from_columns(&[x, y, z]) }
-    }
-
-    /// Derivative of the point by X, Y, Z: ∂/∂(X, Y, Z).
-    pub fn linear_part(&self) -> Matrix3<f64> {
-        self.linear_part
     }
 
     /// Inverse derivative ∂(X, Y, Z)/∂point; NaN if X, Y, Z are linearly dependent.

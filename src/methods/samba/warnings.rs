@@ -11,6 +11,8 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     declaring_settings: "repeatability_um or error_motion_um",
 };
 
+const BALL_FAULT_ADVICE: &str = "check for dirt, a loose ball or a wrong stylus";
+
 pub fn estimate_warnings(solved: &GeometrySolution<'_>, identified: &Identification) -> Vec<String> {
     let mut lines = solved.observed.skipped_measurements.clone();
     lines.extend(misfit_warning(solved, identified));
@@ -67,15 +69,11 @@ fn ball_form_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
         let (form_um, off_um) = (centre.form_mm * 1e3, 2e3 * (radius_error - common));
         let subject = format!("ball {} at indexation {}", centre.label.ball, centre.label.indexation_number());
         if form_um > solved.settings.form_limit_um {
-            lines.push(format!(
-                "{subject}: the form error is {form_um:.1} µm: check for dirt, a loose ball or a \
-                 wrong stylus"
-            ));
+            lines.push(format!("{subject}: the form error is {form_um:.1} µm: {BALL_FAULT_ADVICE}"));
         }
         if off_um.abs() > solved.settings.diameter_limit_um {
             lines.push(format!(
-                "{subject}: the diameter differs by {off_um:+.1} µm from the others: check for \
-                 dirt, a loose ball or a wrong stylus"
+                "{subject}: the diameter differs by {off_um:+.1} µm from the others: {BALL_FAULT_ADVICE}"
             ));
         }
     }
@@ -83,11 +81,8 @@ fn ball_form_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
 }
 
 fn missing_temperature_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
-    let unknown = solved
-        .balls
-        .lengths
-        .iter()
-        .filter(|length| length.expansion_um_per_m_k != 0.0 && length.temperature_c.is_none());
+    let lengths = solved.balls.lengths.iter();
+    let unknown = lengths.filter(|length| length.expansion_um_per_m_k != 0.0 && length.temperature_c.is_none());
     let lines = unknown.map(|length| {
         format!(
             "the temperature of the certified length {}–{} is not stated: 20 °C is assumed with a \

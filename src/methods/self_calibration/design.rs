@@ -130,28 +130,20 @@ impl AngleGridDesign {
     }
 
     fn touch_at_position(&self, test: CalibrationTest, i: usize) -> AngleGridTouch {
-        match test {
-            CalibrationTest::Test1(probe) => {
-                AngleGridTouch { test, c_index: i, phi_index: self.probe_angle_indices[probe] }
-            }
-            CalibrationTest::Test3 => {
-                AngleGridTouch { test, c_index: i, phi_index: (self.angle_count - i) % self.angle_count }
-            }
-            CalibrationTest::Test2 | CalibrationTest::ReferenceAfterTests(_) => {
-                AngleGridTouch { test, c_index: 0, phi_index: i }
-            }
-        }
+        let (c_index, phi_index) = match test {
+            CalibrationTest::Test1(probe) => (i, self.probe_angle_indices[probe]),
+            CalibrationTest::Test3 => (i, (self.angle_count - i) % self.angle_count),
+            CalibrationTest::Test2 | CalibrationTest::ReferenceAfterTests(_) => (0, i),
+        };
+        AngleGridTouch { test, c_index, phi_index }
     }
 
     /// Reference touches at 0°, 90° and 180°, or at the nearest grid angles. One touch alone detects neither a
     /// shift in Y nor growth.
     fn reference_touches(&self, round: usize) -> impl Iterator<Item = AngleGridTouch> + '_ {
         let near = |quarter: usize| (quarter * self.angle_count + 2) / 4 % self.angle_count;
-        [0, near(1), near(2)].into_iter().map(move |phi| AngleGridTouch {
-            test: CalibrationTest::ReferenceAfterTests(round),
-            c_index: 0,
-            phi_index: phi,
-        })
+        let test = CalibrationTest::ReferenceAfterTests(round);
+        [0, near(1), near(2)].into_iter().map(move |phi| self.touch_at_position(test, phi))
     }
 }
 

@@ -166,9 +166,8 @@ impl MachineInformation {
         let full = self.inverse_with_machine.update_terms(&columns);
         match criterion {
             OptimalityCriterion::D => {
-                let partial = self
-                    .inverse_without_machine
-                    .update_terms(columns.get(self.machine_parameter_count..).unwrap_or_default());
+                let without_machine = columns.get(self.machine_parameter_count..).unwrap_or_default();
+                let partial = self.inverse_without_machine.update_terms(without_machine);
                 full.innovation_covariance.determinant().ln() - partial.innovation_covariance.determinant().ln()
             }
             OptimalityCriterion::A => {

@@ -101,13 +101,9 @@ impl DesignCandidates {
     /// # Errors
     /// An indexation is outside the limits; a ball is accessible at fewer than three indexations.
     pub fn new(setup: &DesignSetup<'_>, access: &TouchAccess) -> Result<Self, MethodRefusal> {
-        let paper;
         let settings = match setup.settings.design {
-            DesignKind::Optimal => setup.settings,
-            DesignKind::Paper => {
-                paper = paper_design::paper_settings(setup.settings);
-                &paper
-            }
+            DesignKind::Optimal => setup.settings.clone(),
+            DesignKind::Paper => paper_design::paper_settings(setup.settings),
         };
         let positions = settings.candidate_positions(setup.is_spindle_oriented);
         let chain = setup.model.chain();
