@@ -14,10 +14,7 @@ macro_rules! registry {
         /// Descriptions of all methods, in the order in which users see them.
         pub const METHOD_DESCRIPTIONS: &[MethodDescription] = &[$(<$method>::DESCRIPTION),*];
 
-        fn method_by_name<'de, D: Deserializer<'de>>(
-            name: &str,
-            settings: D,
-        ) -> Result<Box<dyn Method>, D::Error> {
+        fn method_by_name<'de, D: Deserializer<'de>>(name: &str, settings: D) -> Result<Box<dyn Method>, D::Error> {
             $(if name == <$method>::DESCRIPTION.name {
                 return Ok(Box::new(<$method>::new(Deserialize::deserialize(settings)?)));
             })*

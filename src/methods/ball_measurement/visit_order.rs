@@ -38,12 +38,11 @@ pub fn order_balls_in_xy(
 
 /// Sorts by tilt. The axis parallel to the spindle sweeps forward at one tilt and backward at the next, so that
 /// backlash and drift do not correlate with its angle. At each of its positions the spindle sweeps in the same way.
-pub fn order_visits(machine: &Machine, visits: Vec<BallVisit>) -> Vec<BallVisit> {
+pub fn order_visits(machine: &Machine, mut visits: Vec<BallVisit>) -> Vec<BallVisit> {
     let mut axes: Vec<Axis> = machine.axes.keys().copied().filter(|a| !a.is_linear()).collect();
     axes.sort_by_key(|axis| (*axis == Axis::S, is_parallel_to_spindle(*axis, machine)));
-    let mut sorted = visits;
-    sort_alternating(&mut sorted, &axes, &mut false);
-    sorted
+    sort_alternating(&mut visits, &axes, &mut false);
+    visits
 }
 
 /// Sorts by the first of `axes`, and within equal positions by the others, each group in the opposite

@@ -34,19 +34,10 @@ pub fn judge_estimate(estimate: &mut Estimate, tolerances: &[ParameterTolerance]
         };
         verdicts.push(verdict);
     }
-    let any = |wanted| verdicts.contains(&wanted);
+    let worst_first = [Verdict::Fail, Verdict::Undecided, Verdict::Pass];
+    let worst = worst_first.into_iter().find(|verdict| verdicts.contains(verdict)).unwrap_or(Verdict::None);
     estimate.decision_rule = (!verdicts.is_empty()).then(|| DECISION_RULE.to_owned());
-    estimate.verdict = if contradicted {
-        Verdict::UndecidedModel
-    } else if verdicts.is_empty() {
-        Verdict::None
-    } else if any(Verdict::Fail) {
-        Verdict::Fail
-    } else if any(Verdict::Undecided) {
-        Verdict::Undecided
-    } else {
-        Verdict::Pass
-    };
+    estimate.verdict = if contradicted { Verdict::UndecidedModel } else { worst };
 }
 
 /// One text for each tolerance that matches no parameter of the estimate.

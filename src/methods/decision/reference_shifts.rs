@@ -84,18 +84,15 @@ impl ShiftLimits {
     /// Limits for `reference_count` references that are compared together, so that all of them agree with probability
     /// [`ALL_REFERENCES_AGREE_PROBABILITY`]. Scatter that comes from the references themselves makes false refusals
     /// even rarer. `drift_mm_per_s` is the declared standard deviation of the drift rate.
-    pub fn new(scatter: TouchScatter, reference_count: usize, drift_mm_per_s: f64) -> Self {
-        let (u_mm, dof) = match scatter {
+    pub fn new(scatter: TouchScatter, reference_count: usize, drift_rate_sd_mm_per_s: f64) -> Self {
+        let (touch_std_u_mm, dof) = match scatter {
             TouchScatter::Declared { u_mm } => (u_mm, f64::INFINITY),
             TouchScatter::Pooled { u_mm, dof } => (u_mm, f64::from(dof)),
             TouchScatter::Unknown => (0.0, f64::INFINITY),
         };
         let inside = ALL_REFERENCES_AGREE_PROBABILITY.powf(1.0 / reference_count.max(1) as f64);
-        Self {
-            touch_std_u_mm: u_mm,
-            coverage_factor: coverage::two_sided_t_factor(inside, dof),
-            drift_rate_sd_mm_per_s: drift_mm_per_s,
-        }
+        let coverage_factor = coverage::two_sided_t_factor(inside, dof);
+        Self { touch_std_u_mm, coverage_factor, drift_rate_sd_mm_per_s }
     }
 
     /// k·√(2·u_touch² + u_drift²) plus one step of resolution, mm; u_drift is bounded.

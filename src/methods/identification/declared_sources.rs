@@ -68,10 +68,7 @@ pub fn coordinate_std_u_mm(plan: &Plan, is_touch: bool, t_s: f64) -> f64 {
     let along = |axis: Axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
     let rounding = Axis::LINEAR.map(along).into_iter().fold(0.0, f64::max) * 1e-3 / 12f64.sqrt();
     let motions = plan.machine.axes.values().map(|spec| (spec.error_motion_um * 1e-3).powi(2));
-    let probe = match is_touch {
-        true => repeatability_mm(plan).hypot(plan.probe.lobing_um * 1e-3),
-        false => 0.0,
-    };
+    let probe = if is_touch { repeatability_mm(plan).hypot(plan.probe.lobing_um * 1e-3) } else { 0.0 };
     let drift = drift_rate_sd_mm_per_s(plan) * t_s;
     (motions.sum::<f64>() + probe.powi(2) + rounding.powi(2) + drift.powi(2)).sqrt()
 }

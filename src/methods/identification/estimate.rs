@@ -51,17 +51,12 @@ pub fn identify(
     let propagation = Propagation::new(solution, sources);
     let misfit = &propagation.misfit;
     let run = |settings| propagate_by_trials(solution.model, sources, misfit, &outputs, settings);
-    let trials = trial_settings.map(run).transpose()?;
+    let trial_statistics = trial_settings.map(run).transpose()?;
     let outlier_check = OutlierCheck::new(solution, misfit, &propagation.residual_variances);
-    let likely_sources = if misfit.is_above_bound { find_likely_misfit_causes(solution, sources) } else { Vec::new() };
-    Ok(Identification {
-        outputs,
-        propagation,
-        trial_statistics: trials,
-        fit_quality: solution.fit_quality,
-        outlier_check,
-        likely_misfit_causes: likely_sources,
-    })
+    let likely_misfit_causes =
+        if misfit.is_above_bound { find_likely_misfit_causes(solution, sources) } else { Vec::new() };
+    let fit_quality = solution.fit_quality;
+    Ok(Identification { outputs, propagation, trial_statistics, fit_quality, outlier_check, likely_misfit_causes })
 }
 
 impl Identification {
@@ -69,6 +64,8 @@ impl Identification {
     pub fn estimate(&self, method: &str) -> Estimate {
         let (figures, misfit) = (&self.fit_quality, &self.propagation.misfit);
         let parameters = self.outputs.all_parameters().enumerate();
+        let has_expected_chi2 = misfit.expected_chi2 > 0.0 && figures.dof > 0;
+        let is_contradicted = misfit.is_above_bound || !self.outlier_check.outliers.is_empty();
         Estimate {
             trued_estimate: ESTIMATE_VERSION,
             method: method.to_owned(),
@@ -90,14 +87,8 @@ impl Identification {
             not_identifiable: Vec::new(),
             residual_rms_um: figures.residual_rms_mm * 1e3,
             degrees_of_freedom: figures.dof,
-            chi2_per_dof: match misfit.expected_chi2 > 0.0 && figures.dof > 0 {
-                true => misfit.chi2 / misfit.expected_chi2,
-                false => 0.0,
-            },
-            verdict: match misfit.is_above_bound || !self.outlier_check.outliers.is_empty() {
-                true => Verdict::UndecidedModel,
-                false => Verdict::None,
-            },
+            chi2_per_dof: if has_expected_chi2 { misfit.chi2 / misfit.expected_chi2 } else { 0.0 },
+            verdict: if is_contradicted { Verdict::UndecidedModel } else { Verdict::None },
             decision_rule: None,
             warnings: Vec::new(),
             outliers: self.outlier_check.outliers.clone(),

@@ -40,22 +40,17 @@ struct SampledSource<'a> {
 
 impl<'a> SampledSource<'a> {
     /// `slopes`: values × unknowns.
-    fn new(source: &'a UncertaintySource, misfit: &Misfit, slopes: &Mat<f64>, first: usize) -> Self {
-        let joint = match &source.effect {
+    fn new(source: &'a UncertaintySource, misfit: &Misfit, slopes: &Mat<f64>, first_draw_index: usize) -> Self {
+        let joint_draws = match &source.effect {
             ObservationEffect::Joint(columns) => matrix_from_rows(columns),
             _ => Mat::new(),
         };
-        let direct = match source.direct_unknown_changes.as_slice() {
+        let direct_function_changes = match source.direct_unknown_changes.as_slice() {
             [] => Mat::new(),
             changes => matrix_from_rows(changes) * slopes.transpose(),
         };
-        Self {
-            source,
-            misfit_factor: source.misfit_factor(misfit),
-            first_draw_index: first,
-            joint_draws: joint,
-            direct_function_changes: direct,
-        }
+        let misfit_factor = source.misfit_factor(misfit);
+        Self { source, misfit_factor, first_draw_index, joint_draws, direct_function_changes }
     }
 
     /// Adds the effect of this source to the observations (trials × observations). `units`: trials × draws of

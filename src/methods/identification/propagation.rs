@@ -92,22 +92,16 @@ impl Propagation {
     /// Propagates each draw by the response of the model, compares the residuals with the declared sources
     /// and scales the sources that the residuals scale by [`Misfit::uncertainty_factor`].
     pub fn new(solution: &SolvedModel<'_>, sources: &[UncertaintySource]) -> Self {
-        let SolvedModel {
-            model,
-            weighted_residuals: residuals,
-            has_declared_source_sizes: has_declared_sizes,
-            fit_quality: figures,
-            ..
-        } = *solution;
+        let SolvedModel { model, weighted_residuals, has_declared_source_sizes, fit_quality, .. } = *solution;
         let mut left = Vec::new();
         let effects = sources.iter().map(|source| EffectOnUnknowns::new(solution, source, &mut left));
         let mut effects: Vec<EffectOnUnknowns> = effects.collect();
-        let misfit = Misfit::from_residuals(residuals, &left, figures.dof, has_declared_sizes);
+        let misfit = Misfit::from_residuals(weighted_residuals, &left, fit_quality.dof, has_declared_source_sizes);
         for effect in effects.iter_mut().filter(|effect| effect.is_scaled_by_misfit) {
             effect.changes_by_draw *= faer::Scale(misfit.uncertainty_factor);
         }
         let variance = |row: usize| left.iter().map(|draw| draw[row].powi(2)).sum();
-        let residual_variances = (0..residuals.len()).map(variance).collect();
+        let residual_variances = (0..weighted_residuals.len()).map(variance).collect();
         Self { misfit, residual_variances, effects, unknown_count: model.unknown_count() }
     }
 

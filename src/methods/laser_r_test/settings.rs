@@ -202,15 +202,8 @@ fn is_positive_and_finite(value: f64) -> bool {
 
 /// Number of different heights among these readings at the pole.
 pub fn count_different_heights(pole_readings_mm: &[f64]) -> usize {
-    let mut sorted = pole_readings_mm.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let mut count = 0;
-    let mut last = f64::NEG_INFINITY;
-    for pole in sorted.into_iter().filter(|pole| pole.is_finite()) {
-        if pole - last > SAME_HEIGHT_TOLERANCE_MM {
-            count += 1;
-            last = pole;
-        }
-    }
-    count
+    let mut heights: Vec<f64> = pole_readings_mm.iter().copied().filter(|pole| pole.is_finite()).collect();
+    heights.sort_by(f64::total_cmp);
+    heights.dedup_by(|higher, kept| *higher - *kept <= SAME_HEIGHT_TOLERANCE_MM);
+    heights.len()
 }

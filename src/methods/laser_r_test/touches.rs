@@ -42,8 +42,7 @@ pub fn ball_touch_steps(
     let ball = Ball { centre_mm: centre.into(), ..setup.ball.clone() };
     let mode = match purpose {
         ScanPurpose::Search => {
-            let uncertainty_mm = setup.balls.uncertainty_mm;
-            BallTouchMode::Search { uncertainty_mm, standoff_mm: CLEARANCE_MM }
+            BallTouchMode::Search { uncertainty_mm: setup.balls.uncertainty_mm, standoff_mm: CLEARANCE_MM }
         }
         _ => {
             let margin_mm = setup.settings.max_position_error_mm + CLEARANCE_MM;

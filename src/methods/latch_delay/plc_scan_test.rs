@@ -52,9 +52,10 @@ pub struct PlcScanTest {
 /// One-sided F test of the two scatters, and the resulting diagnosis of the latch.
 pub fn test_for_plc_scan(observed: &ObservedTouches, fitted: &FittedDelay) -> PlcScanTest {
     let [slow, fast] = fitted.scatter_by_feed;
-    let variance_ratio = (fast.std_dev_mm / slow.std_dev_mm).powi(2);
-    let ratio_limit = variance_ratio_bound(1.0 - SIGNIFICANCE_LEVEL, fast.dof, slow.dof).unwrap_or(f64::INFINITY);
-    let latch = if variance_ratio > ratio_limit {
+    let fast_to_slow_variance_ratio = (fast.std_dev_mm / slow.std_dev_mm).powi(2);
+    let variance_ratio_limit =
+        variance_ratio_bound(1.0 - SIGNIFICANCE_LEVEL, fast.dof, slow.dof).unwrap_or(f64::INFINITY);
+    let latch_diagnosis = if fast_to_slow_variance_ratio > variance_ratio_limit {
         let time = plc_scan_time(observed.speeds_mm_s(), slow, fast);
         // The mean delay of a scan is at least half of its duration.
         let missing_delay_s = time.duration_s / 2.0 - fitted.delay_s;
@@ -65,15 +66,11 @@ pub fn test_for_plc_scan(observed: &ObservedTouches, fitted: &FittedDelay) -> Pl
             false => LatchDiagnosis::PlcScan(time),
         }
     } else {
-        LatchDiagnosis::NoPlcScan {
-            max_undetected_s: max_undetected_plc_scan_s(observed.speeds_mm_s(), fitted, variance_ratio),
-        }
+        let speeds = observed.speeds_mm_s();
+        let max_undetected_s = max_undetected_plc_scan_s(speeds, fitted, fast_to_slow_variance_ratio);
+        LatchDiagnosis::NoPlcScan { max_undetected_s }
     };
-    PlcScanTest {
-        latch_diagnosis: latch,
-        fast_to_slow_variance_ratio: variance_ratio,
-        variance_ratio_limit: ratio_limit,
-    }
+    PlcScanTest { latch_diagnosis, fast_to_slow_variance_ratio, variance_ratio_limit }
 }
 
 /// T from s₂² − s₁² = (v₂² − v₁²)·T²/12. The variance of n touches has the variance μ₄/n − σ⁴(n − 3)/(n(n − 1)).

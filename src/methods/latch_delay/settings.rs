@@ -32,20 +32,18 @@ const MAX_PLANNED_TOUCHES_PER_FEED: u32 = 200;
 impl LatchDelaySettings {
     /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), MethodRefusal> {
-        let refused = |why, instead: &str| Err(MethodRefusal::new(why, instead));
-        if !(MIN_PLANNED_TOUCHES_PER_FEED..=MAX_PLANNED_TOUCHES_PER_FEED).contains(&self.touches) {
-            return refused(
-                format!(
-                    "touches = {} at each feed is outside {MIN_PLANNED_TOUCHES_PER_FEED} to \
-                     {MAX_PLANNED_TOUCHES_PER_FEED}",
-                    self.touches
-                ),
-                "omit touches (default 12)",
-            );
-        }
-        if self.direction_deg.is_some_and(|degrees| !(-360.0..=360.0).contains(&degrees)) {
-            return refused("direction_deg is outside -360 to 360".to_owned(), "omit it, or choose e.g. 90");
-        }
-        Ok(())
+        MethodRefusal::require(
+            (MIN_PLANNED_TOUCHES_PER_FEED..=MAX_PLANNED_TOUCHES_PER_FEED).contains(&self.touches),
+            format!(
+                "touches = {} at each feed is outside {MIN_PLANNED_TOUCHES_PER_FEED} to {MAX_PLANNED_TOUCHES_PER_FEED}",
+                self.touches
+            ),
+            "omit touches (default 12)",
+        )?;
+        MethodRefusal::require(
+            self.direction_deg.is_none_or(|degrees| (-360.0..=360.0).contains(&degrees)),
+            "direction_deg is outside -360 to 360",
+            "omit it, or choose e.g. 90",
+        )
     }
 }

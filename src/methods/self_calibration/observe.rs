@@ -57,7 +57,7 @@ pub fn extract_observations(
     if observations.is_empty() {
         return Err(IdentifyError::IdentificationFailed("all readings are flagged".to_owned()));
     }
-    let (mut interruption_times, unused_count) =
+    let (mut interruption_times, short_segment_reading_count) =
         interruptions::remove_interruptions(&mut observations, &plan.interruption_times_s)?;
     let mut half_duration_s = scale_times(&mut observations, &mut interruption_times);
     let has_times = half_duration_s > 0.0;
@@ -68,13 +68,7 @@ pub fn extract_observations(
         scale_times(&mut observations, &mut []);
         half_duration_s = planned_duration_s(plan) / 2.0;
     }
-    Ok(ObservedReadings {
-        observations,
-        half_duration_s,
-        has_times,
-        interruption_times,
-        short_segment_reading_count: unused_count,
-    })
+    Ok(ObservedReadings { observations, half_duration_s, has_times, interruption_times, short_segment_reading_count })
 }
 
 /// Machine time of the plan, s, or 5 s per touch if it cannot be planned.

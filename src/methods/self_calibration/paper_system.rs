@@ -52,10 +52,9 @@ impl PaperSystem {
     /// reading.
     pub fn axis_position(&self, observations: &[RadiusObservation]) -> Option<[f64; 2]> {
         let radius = |t: &AngleGridTouch| {
-            observations
-                .iter()
-                .find(|s| s.height_index == 0 && s.c_index == t.c_index && s.phi_index == t.phi_index)
-                .map(|s| s.along_ray_mm)
+            let is_same =
+                |s: &&RadiusObservation| (s.height_index, s.c_index, s.phi_index) == (0, t.c_index, t.phi_index);
+            observations.iter().find(is_same).map(|s| s.along_ray_mm)
         };
         let reference = radius(self.touches.first()?)?;
         let differences: Vec<f64> =

@@ -19,11 +19,8 @@ pub enum RotationSenseCheck {
 /// twice its eccentricity. With the correct sense the error motion is small.
 pub fn check_rotation_sense(fit: &SelfCalibrationFit) -> RotationSenseCheck {
     let n = fit.layout.design.angle_count;
-    let turned: Vec<RadiusObservation> = fit
-        .observations
-        .iter()
-        .map(|observation| RadiusObservation { c_index: (n - observation.c_index) % n, ..*observation })
-        .collect();
+    let turn = |one: &RadiusObservation| RadiusObservation { c_index: (n - one.c_index) % n, ..*one };
+    let turned: Vec<RadiusObservation> = fit.observations.iter().map(turn).collect();
     let Ok(other) = SelfCalibrationFit::new(fit.layout.clone(), turned, fit.sigma.clone(), false) else {
         return RotationSenseCheck::NotConfirmed;
     };

@@ -20,14 +20,9 @@ pub fn describe_changes(all: &[NamedTrend<'_>], since_s: f64, format_day: impl F
     let mut parts: Vec<String> = describe_unmeasured(all, since_s, &format_day);
     let (mut same, mut changed) = (0, 0);
     for named in &named {
-        let news: Vec<String> = named
-            .trend
-            .changes
-            .iter()
-            .filter(|change| named.is_recent_change(change, since_s))
-            .map(|change| named.describe_change(change, &format_day))
-            .chain(named.describe_outlier())
-            .collect();
+        let recent = named.trend.changes.iter().filter(|change| named.is_recent_change(change, since_s));
+        let changes = recent.map(|change| named.describe_change(change, &format_day));
+        let news: Vec<String> = changes.chain(named.describe_outlier()).collect();
         same += usize::from(news.is_empty() && named.is_measured_since(since_s));
         changed += news.len();
         parts.extend(news);
