@@ -160,15 +160,9 @@ pub fn readings_of_last_repeat<'r>(step: &Step, readings: &'r [Reading]) -> Resu
 pub enum IdentifyError {
     #[error("step {step} ({label}) has no reading; measure the step again or give a plan without it")]
     MissingReading { step: u32, label: String },
-    #[error(
-        "a reading is of step {step}, which is not in the plan; check that plan and readings are of \
-        the same run"
-    )]
+    #[error("a reading is of step {step}, which is not in the plan; check that plan and readings are of the same run")]
     UnknownStep { step: u32 },
-    #[error(
-        "step {step} has two readings with repeat {repeat}; give repeated readings different numbers in \
-        `repeat`"
-    )]
+    #[error("step {step} has two readings with repeat {repeat}; give repeated readings different numbers in `repeat`")]
     DuplicateReading { step: u32, repeat: u32 },
     #[error("the readings determine only {rank} of {unknowns} unknowns: {}", undetermined.join("; "))]
     RankDeficient { rank: usize, unknowns: usize, undetermined: Vec<String> },

@@ -124,6 +124,11 @@ impl Step {
         Self { kind: StepKind::Prompt, label, text: Some(text), ..Self::default() }
     }
 
+    /// A touch of the probe from `from` to `to` against `normal`, without step number and feed.
+    pub fn probe_touch(label: String, from: Position, to: Position, normal: [f64; 3]) -> Self {
+        Self { label, from, to, sensors: vec!["probe".to_owned()], normal, ..Self::default() }
+    }
+
     /// A scan from the first to the last point of its path, without step number, feed and sensors.
     pub fn scan(label: String, scan: Scan) -> Self {
         let end = |point: Option<&Position>| point.cloned().unwrap_or_default();

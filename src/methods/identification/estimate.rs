@@ -101,7 +101,7 @@ impl Identification {
 
     /// Effects of the sources that other runs may share on the linear parameters, in their reported units.
     fn build_source_effects(&self) -> Vec<SourceEffect> {
-        let slopes = self.outputs.linear_parameter_slopes(self.propagation.unknown_count());
+        let slopes = self.outputs.linear_parameter_slopes(self.propagation.unknown_count);
         let factors: Vec<f64> =
             self.outputs.linear_parameters.iter().map(|output| output.unit.to_reported_value(1.0)).collect();
         let in_reported_units =
@@ -147,7 +147,7 @@ impl Identification {
     /// Covariance of the linear parameters, in the products of their reported units.
     fn build_covariance(&self) -> ParameterCovariance {
         let outputs = &self.outputs.linear_parameters;
-        let slopes = self.outputs.linear_parameter_slopes(self.propagation.unknown_count());
+        let slopes = self.outputs.linear_parameter_slopes(self.propagation.unknown_count);
         let full = self.propagation.output_covariance(&slopes);
         let edge: Vec<f64> = outputs.iter().map(|o| o.unit.to_reported_value(1.0)).collect();
         let row = |i: usize| (0..edge.len()).map(|j| full[(i, j)] * edge[i] * edge[j]).collect();

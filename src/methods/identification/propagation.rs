@@ -15,7 +15,7 @@ pub struct Propagation {
     /// Variance of each weighted residual from the declared sources.
     pub residual_variances: Vec<f64>,
     effects: Vec<EffectOnUnknowns>,
-    unknown_count: usize,
+    pub unknown_count: usize,
 }
 
 /// The effect of one source on the unknowns.
@@ -158,10 +158,5 @@ impl Propagation {
         shareable
             .map(|effect| OutputEffect { source: &effect.name, changes_by_draw: slopes * &effect.changes_by_draw })
             .collect()
-    }
-
-    /// Number of unknowns.
-    pub fn unknown_count(&self) -> usize {
-        self.unknown_count
     }
 }

@@ -62,16 +62,8 @@ impl TouchEndsAndNormal {
     }
 
     fn touch_step(&self, kind: StepKind, label: String, feed_mm_min: f64) -> Step {
-        Step {
-            kind,
-            from: self.from.clone(),
-            to: self.to.clone(),
-            feed_mm_min,
-            sensors: vec!["probe".to_owned()],
-            normal: self.normal,
-            text: None,
-            ..Step::prompt(label, String::new())
-        }
+        let touch = Step::probe_touch(label, self.from.clone(), self.to.clone(), self.normal);
+        Step { kind, feed_mm_min, ..touch }
     }
 
     /// The search touch.

@@ -129,6 +129,7 @@ impl SelfCalibrationSetup<'_> {
         contact: Vector3<f64>,
         normal: Vector3<f64>,
     ) -> Result<Step, MethodRefusal> {
+        let TouchParameters { kind, label, standoff_mm, travel_mm, c_index, feed_mm_min } = parameters;
         let mut orientation = Position::new();
         // A fixed spindle is not commanded and keeps its orientation.
         if self.settings.spindle == SpindleMode::Follow {
@@ -136,24 +137,14 @@ impl SelfCalibrationSetup<'_> {
             orientation.set(Axis::S, turn);
         }
         let rotary = self.axis.rotary_position_with_axis_at_zero.updated_by(&orientation);
-        let rotary = rotary.with(self.axis.axis, self.axis_command_rad(parameters.c_index)?);
+        let rotary = rotary.with(self.axis.axis, self.axis_command_rad(c_index)?);
         // The table turns with the axis, but the ray does not.
-        let place = |out: f64| self.axis.solve_linear_axes(contact + out * normal, &orientation);
-        let refused = |error: machine::kinematics::KinematicsError| {
-            MethodRefusal::new(format!("{}: {error}", parameters.label), "correct [machine] topology")
+        let position = |out: f64| match self.axis.solve_linear_axes(contact + out * normal, &orientation) {
+            Ok(linear) => Ok(linear.updated_by(&rotary).rounded_to_file_resolution()),
+            Err(error) => Err(MethodRefusal::new(format!("{label}: {error}"), "correct [machine] topology")),
         };
-        let from = place(parameters.standoff_mm).map_err(refused)?;
-        let to = place(parameters.standoff_mm - parameters.travel_mm).map_err(refused)?;
-        Ok(Step {
-            kind: parameters.kind,
-            from: from.updated_by(&rotary).rounded_to_file_resolution(),
-            to: to.updated_by(&rotary).rounded_to_file_resolution(),
-            feed_mm_min: parameters.feed_mm_min,
-            sensors: vec!["probe".to_owned()],
-            normal: normal.into(),
-            text: None,
-            ..Step::prompt(parameters.label, String::new())
-        })
+        let (from, to) = (position(standoff_mm)?, position(standoff_mm - travel_mm)?);
+        Ok(Step { kind, feed_mm_min, ..Step::probe_touch(label, from, to, normal.into()) })
     }
 
     /// Command of the axis for a grid index, rad: with the sense of the axis, and shifted by a full turn if the
