@@ -1,7 +1,7 @@
 //! Audit log: requests to the service and their outcomes.
 
 use jiff::Timestamp;
-use rusqlite::{Connection, params};
+use rusqlite::{Connection, Row, params};
 use serde::Serialize;
 
 use super::{AwaitableWrite, Journal, StoreError, StoreFault, columns};
@@ -41,7 +41,11 @@ impl Journal {
     /// # Errors
     /// The journal cannot be read.
     pub fn audit_entries(&self, before_seq: Option<i64>, limit: usize) -> Result<Vec<StoredAuditEntry>, StoreError> {
-        self.query(|connection| newest_audit_entries(connection, before_seq, limit))
+        let select = "SELECT at, who, what, why, machine, run, outcome, seq FROM audit
+         WHERE seq < ?1 ORDER BY seq DESC LIMIT ?2";
+        let limit = i64::try_from(limit).unwrap_or(i64::MAX);
+        let parameters = params![before_seq.unwrap_or(i64::MAX), limit];
+        self.query(|connection| columns::select_rows(connection, select, parameters, audit_entry_from_row))
     }
 }
 
@@ -55,26 +59,14 @@ pub(super) fn insert_audit_entry(connection: &Connection, audit: &AuditEntry) ->
     Ok(())
 }
 
-fn newest_audit_entries(
-    connection: &Connection,
-    before_seq: Option<i64>,
-    limit: usize,
-) -> Result<Vec<StoredAuditEntry>, StoreFault> {
-    let mut statement = connection.prepare(
-        "SELECT at, who, what, why, machine, run, outcome, seq FROM audit
-         WHERE seq < ?1 ORDER BY seq DESC LIMIT ?2",
-    )?;
-    let limit = i64::try_from(limit).unwrap_or(i64::MAX);
-    let rows = statement.query_map(params![before_seq.unwrap_or(i64::MAX), limit], |row| {
-        let audit = AuditEntry {
-            who: row.get(1)?,
-            what: row.get(2)?,
-            why: row.get(3)?,
-            machine: row.get(4)?,
-            run: row.get(5)?,
-            outcome: row.get(6)?,
-        };
-        Ok(StoredAuditEntry { seq: row.get(7)?, at: columns::parse_text_column(row, 0)?, entry: audit })
-    })?;
-    Ok(rows.collect::<Result<_, _>>()?)
+fn audit_entry_from_row(row: &Row<'_>) -> rusqlite::Result<StoredAuditEntry> {
+    let entry = AuditEntry {
+        who: row.get(1)?,
+        what: row.get(2)?,
+        why: row.get(3)?,
+        machine: row.get(4)?,
+        run: row.get(5)?,
+        outcome: row.get(6)?,
+    };
+    Ok(StoredAuditEntry { seq: row.get(7)?, at: columns::parse_text_column(row, 0)?, entry })
 }

@@ -7,10 +7,11 @@
 //! have a wrong checksum.
 
 use crc::{CRC_32_ISCSI, Crc, Table};
-use rusqlite::Connection;
 use rusqlite::functions::{Context, FunctionFlags};
 use rusqlite::types::ValueRef;
+use rusqlite::{Connection, Row};
 
+use super::columns::select_rows;
 use super::{RunId, StoreFault};
 
 static CRC_32C: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
@@ -123,13 +124,10 @@ fn verify_rows(connection: &Connection, row_condition: impl Fn(&str) -> Option<S
 }
 
 fn checksummed_tables(connection: &Connection) -> Result<Vec<ChecksummedTable>, StoreFault> {
-    let mut statement = connection.prepare(
-        "SELECT tables.name,
+    let select = "SELECT tables.name,
                 group_concat(columns.name, ', ' ORDER BY cid) FILTER (WHERE columns.name <> 'checksum')
          FROM main.sqlite_schema AS tables JOIN pragma_table_info(tables.name, 'main') AS columns
-         WHERE tables.type = 'table' GROUP BY tables.name HAVING max(columns.name = 'checksum')",
-    )?;
-    let tables =
-        statement.query_map([], |row| Ok(ChecksummedTable { name: row.get(0)?, checksummed_columns: row.get(1)? }))?;
-    Ok(tables.collect::<Result<_, _>>()?)
+         WHERE tables.type = 'table' GROUP BY tables.name HAVING max(columns.name = 'checksum')";
+    let read = |row: &Row<'_>| Ok(ChecksummedTable { name: row.get(0)?, checksummed_columns: row.get(1)? });
+    select_rows(connection, select, [], read)
 }

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use jiff::Timestamp;
 use rusqlite::types::Type;
-use rusqlite::{Connection, Row, params};
+use rusqlite::{Connection, Params, Row};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -32,6 +32,18 @@ pub(super) fn has_only_finite_numbers(reading: &Reading) -> bool {
     numbers.chain([reading.t_s]).all(f64::is_finite)
 }
 
+/// All rows that `select` returns, in their order.
+pub(super) fn select_rows<T>(
+    connection: &Connection,
+    select: &str,
+    parameters: impl Params,
+    read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
+) -> Result<Vec<T>, StoreFault> {
+    let mut statement = connection.prepare(select)?;
+    let rows = statement.query_map(parameters, read)?.collect::<Result<Vec<_>, _>>()?;
+    Ok(rows)
+}
+
 /// Rows of `run` that `select` returns, in their order.
 pub(super) fn select_rows_of_run<T>(
     connection: &Connection,
@@ -39,9 +51,7 @@ pub(super) fn select_rows_of_run<T>(
     run: RunId,
     read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
 ) -> Result<Vec<T>, StoreFault> {
-    let mut statement = connection.prepare(&format!("{select} WHERE run = ?1 ORDER BY seq"))?;
-    let rows = statement.query_map(params![run.0], read)?.collect::<Result<Vec<_>, _>>()?;
-    Ok(rows)
+    select_rows(connection, &format!("{select} WHERE run = ?1 ORDER BY seq"), [run.0], read)
 }
 
 pub(super) fn parse_json_column<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
@@ -55,6 +65,13 @@ pub(super) fn parse_text_column<T: FromStr<Err: std::error::Error + Send + Sync 
 ) -> rusqlite::Result<T> {
     let text: String = row.get(column)?;
     text.parse().map_err(|error: T::Err| damaged_column_error(column, error.into()))
+}
+
+/// Value of an enum that is stored by its name. `kind`: kind of the value, for the error message.
+pub(super) fn parse_name_column<T: DeserializeOwned>(row: &Row<'_>, column: usize, kind: &str) -> rusqlite::Result<T> {
+    let name: String = row.get(column)?;
+    let unknown = |_| damaged_column_error(column, format!("unknown {kind} `{name}`").into());
+    serde_json::from_value(name.clone().into()).map_err(unknown)
 }
 
 pub(super) fn damaged_column_error(column: usize, why: Box<dyn std::error::Error + Send + Sync>) -> rusqlite::Error {

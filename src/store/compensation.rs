@@ -254,17 +254,14 @@ fn select_compensations(connection: &Connection, machine: &str) -> Result<Vec<St
          JOIN compensation_states AS states ON compensation = id
          WHERE machine = ?1 AND seq = (SELECT max(seq) FROM compensation_states WHERE compensation = id)
          ORDER BY id DESC";
-    let mut statement = connection.prepare(select)?;
-    let rows = statement.query_map(params![machine], read_row)?;
-    Ok(rows.collect::<Result<_, _>>()?)
+    columns::select_rows(connection, select, [machine], read_row)
 }
 
 fn select_history(connection: &Connection, machine: &str) -> Result<Vec<CompensationEvent>, StoreFault> {
     let select = "SELECT id, target, run, state, at FROM compensations
          JOIN compensation_states ON compensation = id
          WHERE machine = ?1 AND state IN ('written', 'undone') ORDER BY seq";
-    let mut statement = connection.prepare(select)?;
-    let rows = statement.query_map(params![machine], |row| {
+    columns::select_rows(connection, select, [machine], |row| {
         Ok(CompensationEvent {
             id: row.get(0)?,
             target: row.get(1)?,
@@ -272,8 +269,7 @@ fn select_history(connection: &Connection, machine: &str) -> Result<Vec<Compensa
             is_undone: row.get::<_, String>(3)? == CompensationState::Undone.as_str(),
             at: columns::parse_text_column(row, 4)?,
         })
-    })?;
-    Ok(rows.collect::<Result<_, _>>()?)
+    })
 }
 
 fn read_row(row: &Row<'_>) -> rusqlite::Result<StoredCompensation> {

@@ -29,6 +29,14 @@ pub(super) fn create_dir_durably(dir: &Path) -> io::Result<()> {
     }
 }
 
+/// Removes the file at `path`, if there is one.
+pub(super) fn remove_file_if_exists(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    }
+}
+
 /// Syncs the names in `dir` to the disk.
 pub(super) fn sync_dir(dir: &Path) -> io::Result<()> {
     File::open(dir)?.sync_all()

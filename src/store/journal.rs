@@ -13,15 +13,7 @@ use rusqlite::Connection;
 use tokio::sync::oneshot;
 
 use super::durable_dir::{self, JOURNAL_FILE_NAME};
-use super::{
-    EstimateSelection, EstimateSignature, FinishedRunResult, MachineLock, NewRun, RunId, RunProgress, RunState,
-    RunSummary, StoreError, StoreFault, StoredRun,
-};
-use super::{connection, read, scan, signature, write};
-use machine::record::estimate::Estimate;
-use machine::record::event::RunEvent;
-use machine::record::plan::{Stage, Step};
-use machine::record::reading::Reading;
+use super::{StoreError, StoreFault, connection};
 
 type WriterJob = Box<dyn FnOnce(&mut Connection) + Send>;
 
@@ -94,92 +86,6 @@ impl Journal {
             .name("journal".to_owned())
             .spawn(move || execute_writer_jobs(connection, &job_queue, on_job_done))?;
         Ok(Self { path: path.to_owned(), job_sender: Some(jobs), writer_thread: Some(writer) })
-    }
-
-    /// Adds a run in state `running`, with this program's version and the hashes of its inputs.
-    pub fn begin_run(&self, new: &NewRun) -> AwaitableWrite<RunId> {
-        let new = new.clone();
-        self.submit_job(move |connection| write::insert_run(connection, &new))
-    }
-
-    /// Adds a stage that is about to run, and its new steps to the plan.
-    pub fn add_stage(&self, run: RunId, stage: &Stage, new_steps: &[Step]) -> AwaitableWrite<()> {
-        let (stage, steps) = (stage.clone(), new_steps.to_vec());
-        self.submit_job(move |connection| write::insert_stage(connection, run, &stage, &steps))
-    }
-
-    pub fn add_reading(&self, run: RunId, reading: &Reading) -> AwaitableWrite<()> {
-        let reading = reading.clone();
-        self.submit_job(move |connection| write::insert_reading(connection, run, &reading))
-    }
-
-    /// Adds all samples of one scan.
-    pub fn add_scan(&self, run: RunId, samples: &[Reading]) -> AwaitableWrite<()> {
-        let samples = samples.to_vec();
-        self.submit_job(move |connection| scan::insert_scan(connection, run, &samples))
-    }
-
-    pub fn add_event(&self, run: RunId, event: &RunEvent) -> AwaitableWrite<()> {
-        let event = event.clone();
-        self.submit_job(move |connection| write::insert_event(connection, run, &event))
-    }
-
-    /// Adds an estimate; earlier estimates of the run stay. Returns its [`super::sha256_of_json`].
-    pub fn add_estimate(&self, run: RunId, estimate: &Estimate) -> AwaitableWrite<String> {
-        let estimate = estimate.clone();
-        self.submit_job(move |connection| write::insert_estimate(connection, run, &estimate))
-    }
-
-    /// Adds a signature that is never changed or removed.
-    pub fn add_signature(&self, run: RunId, signature: &EstimateSignature) -> AwaitableWrite<()> {
-        let signature = signature.clone();
-        self.submit_job(move |connection| signature::insert_signature(connection, run, &signature))
-    }
-
-    /// Sets the state of the run.
-    pub fn set_state(&self, run: RunId, state: RunState) -> AwaitableWrite<()> {
-        self.submit_job(move |connection| write::set_state(connection, run, state))
-    }
-
-    /// Marks as interrupted the runs whose process died in state `running`. Holding the machine's lock proves that the
-    /// process is dead.
-    pub fn mark_running_runs_interrupted(&self, lock: &MachineLock) -> AwaitableWrite<Vec<RunId>> {
-        let machine = lock.machine().to_owned();
-        self.submit_job(move |connection| write::mark_interrupted(connection, &machine))
-    }
-
-    /// All runs, oldest first.
-    pub fn runs(&self) -> Result<Vec<RunSummary>, StoreError> {
-        self.query(|connection| read::select_all_runs(connection))
-    }
-
-    /// The newest run of `method` on `machine` that is finished and has an estimate.
-    pub fn newest_run_with_estimate(&self, machine: &str, method: &str) -> Result<Option<RunId>, StoreError> {
-        self.query(|connection| read::newest_run_with_estimate(connection, machine, method))
-    }
-
-    /// Calls `visit` with the selected estimate of each of the newest `runs_per_method` finished runs of each method on
-    /// `machine`, oldest first.
-    pub fn visit_finished_run_results(
-        &self,
-        machine: &str,
-        runs_per_method: u32,
-        selection: EstimateSelection,
-        visit: impl FnMut(FinishedRunResult),
-    ) -> Result<(), StoreError> {
-        self.query(|connection| {
-            read::visit_finished_run_results(connection, machine, runs_per_method, selection, visit)
-        })
-    }
-
-    /// All data of one run, as of one instant.
-    pub fn load_run(&self, run: RunId) -> Result<StoredRun, StoreError> {
-        self.query(|connection| read::load_run(connection, run))
-    }
-
-    /// Progress of a run, without its readings.
-    pub fn load_run_progress(&self, run: RunId) -> Result<RunProgress, StoreError> {
-        self.query(|connection| read::load_progress(connection, run))
     }
 
     pub(super) fn query<T>(

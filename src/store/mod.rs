@@ -2,7 +2,7 @@
 //! acknowledged; this module interprets no result.
 
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use machine::record::estimate::{Estimate, Parameter, Verdict};
@@ -64,7 +64,7 @@ impl std::fmt::Display for RunId {
 }
 
 /// State of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RunState {
     Running,
@@ -85,16 +85,6 @@ pub enum RunState {
 }
 
 impl RunState {
-    const ALL: [RunState; 7] = [
-        Self::Running,
-        Self::Held,
-        Self::NotIdentified,
-        Self::Finished,
-        Self::Failed,
-        Self::Interrupted,
-        Self::NotResumable,
-    ];
-
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Running => "running",
@@ -110,10 +100,6 @@ impl RunState {
     /// Whether an operator may resume the run.
     pub fn is_resumable(self) -> bool {
         matches!(self, Self::Held | Self::Interrupted)
-    }
-
-    fn parse(text: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|state| state.as_str() == text)
     }
 }
 

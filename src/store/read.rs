@@ -3,10 +3,12 @@
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
 
-use super::columns::{damaged_column_error, parse_json_column, parse_text_column, select_rows_of_run};
+use super::columns::{
+    damaged_column_error, parse_json_column, parse_name_column, parse_text_column, select_rows, select_rows_of_run,
+};
 use super::{
-    EstimateSelection, FinishedRunResult, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate,
-    StoredRun,
+    EstimateSelection, FinishedRunResult, Journal, RunId, RunProgress, RunState, RunSummary, StoreError, StoreFault,
+    StoredEstimate, StoredRun,
 };
 use super::{checksum, scan, signature};
 use machine::Axis;
@@ -53,52 +55,65 @@ pub(super) const SELECT_FINISHED_RUN_RESULT: &str =
 pub(super) const SELECT_READINGS: &str = "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
             x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings";
 
-pub(super) fn select_all_runs(connection: &Connection) -> Result<Vec<RunSummary>, StoreFault> {
-    let mut statement = connection.prepare(&format!("{SELECT_RUN_SUMMARY} ORDER BY id"))?;
-    let rows = statement.query_map([], run_summary_from_row)?.collect::<Result<Vec<_>, _>>()?;
-    Ok(rows)
-}
+impl Journal {
+    /// All runs, oldest first.
+    pub fn runs(&self) -> Result<Vec<RunSummary>, StoreError> {
+        self.query(|connection| select_all_runs(connection))
+    }
 
-pub(super) fn newest_run_with_estimate(
-    connection: &Connection,
-    machine: &str,
-    method: &str,
-) -> Result<Option<RunId>, StoreFault> {
-    let text = "SELECT max(id) FROM runs WHERE machine = ?1 AND method = ?2 AND state = ?3
+    /// The newest run of `method` on `machine` that is finished and has an estimate.
+    pub fn newest_run_with_estimate(&self, machine: &str, method: &str) -> Result<Option<RunId>, StoreError> {
+        let select = "SELECT max(id) FROM runs WHERE machine = ?1 AND method = ?2 AND state = ?3
                 AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id)";
-    let of = params![machine, method, RunState::Finished.as_str()];
-    let id: Option<i64> = connection.query_row(text, of, |row| row.get(0))?;
-    Ok(id.map(RunId))
-}
+        let of = params![machine, method, RunState::Finished.as_str()];
+        let id: Option<i64> = self.query(|connection| Ok(connection.query_row(select, of, |row| row.get(0))?))?;
+        Ok(id.map(RunId))
+    }
 
-/// Calls `visit` with the selected estimate of each of the newest `runs_per_method` finished runs of each method on
-/// `machine`, oldest first. Only one estimate is in memory at a time, as the journal covers years.
-pub(super) fn visit_finished_run_results(
-    connection: &Connection,
-    machine: &str,
-    runs_per_method: u32,
-    selection: EstimateSelection,
-    mut visit: impl FnMut(FinishedRunResult),
-) -> Result<(), StoreFault> {
-    let finished = RunState::Finished.as_str();
-    let mut newest_first = connection.prepare(
-        "SELECT id FROM (SELECT id, row_number() OVER (PARTITION BY method ORDER BY id DESC) AS age
+    /// Calls `visit` with the selected estimate of each of the newest `runs_per_method` finished runs of each method on
+    /// `machine`, oldest first. Only one estimate is in memory at a time, as the journal covers years.
+    pub fn visit_finished_run_results(
+        &self,
+        machine: &str,
+        runs_per_method: u32,
+        selection: EstimateSelection,
+        mut visit: impl FnMut(FinishedRunResult),
+    ) -> Result<(), StoreError> {
+        let newest_of_each_method =
+            "SELECT id FROM (SELECT id, row_number() OVER (PARTITION BY method ORDER BY id DESC) AS age
                          FROM runs WHERE machine = ?1 AND state = ?2
                          AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id))
-         WHERE age <= ?3 ORDER BY id",
-    )?;
-    let ids = newest_first.query_map(params![machine, finished, runs_per_method], |row| row.get(0))?;
-    // One query for each run: a single sorted query would hold all estimates in memory.
-    let mut one = connection.prepare(match selection {
-        EstimateSelection::Last => SELECT_FINISHED_RUN_RESULT,
-        EstimateSelection::LastOwn => SELECT_OWN_RESULT,
-    })?;
-    let ids = ids.collect::<Result<Vec<i64>, _>>()?;
-    checksum::verify_estimates(connection, &ids)?;
-    for id in ids {
-        visit(one.query_row([id], finished_run_result_from_row)?);
+         WHERE age <= ?3 ORDER BY id";
+        let select_result = match selection {
+            EstimateSelection::Last => SELECT_FINISHED_RUN_RESULT,
+            EstimateSelection::LastOwn => SELECT_OWN_RESULT,
+        };
+        let of = params![machine, RunState::Finished.as_str(), runs_per_method];
+        self.query(|connection| {
+            let ids: Vec<i64> = select_rows(connection, newest_of_each_method, of, |row| row.get(0))?;
+            checksum::verify_estimates(connection, &ids)?;
+            // One query for each run: a single sorted query would hold all estimates in memory.
+            let mut one = connection.prepare(select_result)?;
+            for id in ids {
+                visit(one.query_row([id], finished_run_result_from_row)?);
+            }
+            Ok(())
+        })
     }
-    Ok(())
+
+    /// All data of one run, as of one instant.
+    pub fn load_run(&self, run: RunId) -> Result<StoredRun, StoreError> {
+        self.query(|connection| load_run(connection, run))
+    }
+
+    /// Progress of a run, without its readings.
+    pub fn load_run_progress(&self, run: RunId) -> Result<RunProgress, StoreError> {
+        self.query(|connection| load_progress(connection, run))
+    }
+}
+
+pub(super) fn select_all_runs(connection: &Connection) -> Result<Vec<RunSummary>, StoreFault> {
+    select_rows(connection, &format!("{SELECT_RUN_SUMMARY} ORDER BY id"), [], run_summary_from_row)
 }
 
 pub(super) fn finished_run_result_from_row(row: &Row<'_>) -> rusqlite::Result<FinishedRunResult> {
@@ -123,7 +138,7 @@ pub(super) fn finished_run_result_from_row(row: &Row<'_>) -> rusqlite::Result<Fi
 }
 
 /// All data of one run, verified, in one transaction: another process may be writing to it.
-pub(super) fn load_run(connection: &mut Connection, run: RunId) -> Result<StoredRun, StoreFault> {
+fn load_run(connection: &mut Connection, run: RunId) -> Result<StoredRun, StoreFault> {
     let snapshot = connection.transaction()?;
     checksum::verify_run(&snapshot, run)?;
     let (summary, config) = snapshot
@@ -159,7 +174,7 @@ pub(super) fn load_run(connection: &mut Connection, run: RunId) -> Result<Stored
     })
 }
 
-pub(super) fn load_progress(connection: &mut Connection, run: RunId) -> Result<RunProgress, StoreFault> {
+fn load_progress(connection: &mut Connection, run: RunId) -> Result<RunProgress, StoreFault> {
     let snapshot = connection.transaction()?;
     Ok(RunProgress {
         plan: load_plan_without_interruptions(&snapshot, run)?,
@@ -184,8 +199,8 @@ fn load_plan_without_interruptions(connection: &Connection, run: RunId) -> Resul
         .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| parse_json_column(row, 0))
         .optional()?
         .ok_or(StoreFault::RunNotFound(run))?;
-    let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
-    plan.steps = statement.query_map([run.0], |row| parse_json_column(row, 0))?.collect::<Result<_, _>>()?;
+    let select_steps = "SELECT step FROM steps WHERE run = ?1 ORDER BY id";
+    plan.steps = select_rows(connection, select_steps, [run.0], |row| parse_json_column(row, 0))?;
     Ok(plan)
 }
 
@@ -205,15 +220,13 @@ fn interruption_times_s(connection: &Connection, run: RunId) -> Result<Vec<f64>,
 }
 
 pub(super) fn run_summary_from_row(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
-    let state: String = row.get(5)?;
     Ok(RunSummary {
         id: RunId(row.get(0)?),
         started: parse_text_column(row, 1)?,
         ended: row.get::<_, Option<String>>(2)?.map(|_| parse_text_column(row, 2)).transpose()?,
         method: row.get(3)?,
         machine: row.get(4)?,
-        state: RunState::parse(&state)
-            .ok_or_else(|| damaged_column_error(5, format!("unknown state `{state}`").into()))?,
+        state: parse_name_column(row, 5, "state")?,
         program_version: row.get(6)?,
         config_sha256: row.get(7)?,
         plan_sha256: row.get(8)?,

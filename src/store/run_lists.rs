@@ -2,7 +2,8 @@
 
 use rusqlite::{Connection, OptionalExtension, params};
 
-use super::{FinishedRunResult, Journal, RunId, RunState, RunSummary, StoreError, StoreFault, checksum, columns, read};
+use super::columns::{select_rows, select_rows_of_run};
+use super::{FinishedRunResult, Journal, RunId, RunState, RunSummary, StoreError, StoreFault, checksum, read};
 use machine::record::estimate::Verdict;
 use machine::record::reading::Reading;
 
@@ -35,7 +36,24 @@ impl Journal {
     /// # Errors
     /// The journal cannot be read.
     pub fn list_runs(&self, filter: RunFilter<'_>, limit: usize) -> Result<Vec<RunSummary>, StoreError> {
-        self.query(|connection| select_filtered_runs(connection, filter, limit))
+        let RunFilter { older_than: before, newer_than: after, machine, method, state, verdict } = filter;
+        let is_ascending = after.is_some() && before.is_none();
+        let order = if is_ascending { "ASC" } else { "DESC" };
+        let select = format!(
+            "{} WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR id > ?2)
+            AND (?3 IS NULL OR machine = ?3) AND (?4 IS NULL OR method = ?4)
+            AND (?5 IS NULL OR run_state = ?5) AND (?6 IS NULL OR verdict = ?6) ORDER BY id {order} LIMIT ?7",
+            read::SELECT_RUN_SUMMARY
+        );
+        let [before, after] = [before, after].map(|run| run.map(|run| run.0));
+        let limit = i64::try_from(limit).unwrap_or(i64::MAX);
+        let verdict = verdict.map(|verdict| verdict.to_string());
+        let filter = params![before, after, machine, method, state.map(RunState::as_str), verdict, limit];
+        let mut runs = self.query(|connection| select_rows(connection, &select, filter, read::run_summary_from_row))?;
+        if is_ascending {
+            runs.reverse();
+        }
+        Ok(runs)
     }
 
     /// Number of readings of a run, and at most `limit` of them after the first `skipped_count`.
@@ -48,7 +66,28 @@ impl Journal {
         skipped_count: usize,
         limit: usize,
     ) -> Result<(usize, Vec<Reading>), StoreError> {
-        self.query(|connection| count_and_select_readings(connection, run, skipped_count, limit))
+        let end = skipped_count.saturating_add(limit);
+        self.query(|connection| {
+            let snapshot = connection.transaction()?;
+            let there = snapshot.query_row("SELECT 1 FROM runs WHERE id = ?1", [run.0], |_| Ok(()));
+            there.optional()?.ok_or(StoreFault::RunNotFound(run))?;
+            // A scan is one row with many readings: the readings of each row are counted, then only the requested rows
+            // are read.
+            let count = "SELECT seq, coalesce(json_array_length(samples), 1) FROM readings";
+            let counts: Vec<(i64, u32)> =
+                select_rows_of_run(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
+            let mut one = snapshot.prepare(&format!("{} WHERE run = ?1 AND seq = ?2", read::SELECT_READINGS))?;
+            let (mut all, mut some) = (0, Vec::new());
+            for (seq, count) in counts.into_iter().map(|(seq, count)| (seq, count as usize)) {
+                if all < end && all + count > skipped_count {
+                    let row = one.query_row(params![run.0, seq], read::readings_from_row)?;
+                    let skipped_in_row = skipped_count.saturating_sub(all);
+                    some.extend(row.into_iter().skip(skipped_in_row).take(end - all.max(skipped_count)));
+                }
+                all += count;
+            }
+            Ok((all, some))
+        })
     }
 
     /// The newest runs of `machine` that were measured to their end, as of one instant.
@@ -73,59 +112,6 @@ impl Journal {
     }
 }
 
-fn select_filtered_runs(
-    connection: &Connection,
-    filter: RunFilter<'_>,
-    limit: usize,
-) -> Result<Vec<RunSummary>, StoreFault> {
-    let RunFilter { older_than: before, newer_than: after, machine, method, state, verdict } = filter;
-    let is_ascending = after.is_some() && before.is_none();
-    let order = if is_ascending { "ASC" } else { "DESC" };
-    let mut statement = connection.prepare(&format!(
-        "{} WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR id > ?2)
-            AND (?3 IS NULL OR machine = ?3) AND (?4 IS NULL OR method = ?4)
-            AND (?5 IS NULL OR run_state = ?5) AND (?6 IS NULL OR verdict = ?6) ORDER BY id {order} LIMIT ?7",
-        read::SELECT_RUN_SUMMARY
-    ))?;
-    let [before, after] = [before, after].map(|run| run.map(|run| run.0));
-    let limit = i64::try_from(limit).unwrap_or(i64::MAX);
-    let verdict = verdict.map(|verdict| verdict.to_string());
-    let filter = params![before, after, machine, method, state.map(RunState::as_str), verdict, limit];
-    let rows = statement.query_map(filter, read::run_summary_from_row)?;
-    let mut runs = rows.collect::<Result<Vec<_>, _>>()?;
-    if is_ascending {
-        runs.reverse();
-    }
-    Ok(runs)
-}
-
-/// A scan is one row with many readings: the readings of each row are counted, then only the requested rows are read.
-fn count_and_select_readings(
-    connection: &mut Connection,
-    run: RunId,
-    skipped_count: usize,
-    limit: usize,
-) -> Result<(usize, Vec<Reading>), StoreFault> {
-    let snapshot = connection.transaction()?;
-    let there = snapshot.query_row("SELECT 1 FROM runs WHERE id = ?1", [run.0], |_| Ok(()));
-    there.optional()?.ok_or(StoreFault::RunNotFound(run))?;
-    let count = "SELECT seq, coalesce(json_array_length(samples), 1) FROM readings";
-    let counts: Vec<(i64, u32)> =
-        columns::select_rows_of_run(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
-    let mut one = snapshot.prepare(&format!("{} WHERE run = ?1 AND seq = ?2", read::SELECT_READINGS))?;
-    let end = skipped_count.saturating_add(limit);
-    let (mut all, mut some) = (0, Vec::new());
-    for (seq, count) in counts.into_iter().map(|(seq, count)| (seq, count as usize)) {
-        if all < end && all + count > skipped_count {
-            let row = one.query_row(params![run.0, seq], read::readings_from_row)?;
-            let skipped_in_row = skipped_count.saturating_sub(all);
-            some.extend(row.into_iter().skip(skipped_in_row).take(end - all.max(skipped_count)));
-        }
-        all += count;
-    }
-    Ok((all, some))
-}
-
 fn newest_result(connection: &Connection, machine: &str) -> Result<Option<FinishedRunResult>, StoreFault> {
     let newest: Option<i64> = connection.query_row(
         "SELECT max(id) FROM runs WHERE machine = ?1 AND state = ?2
@@ -144,12 +130,8 @@ fn select_measured_runs_without_estimate(
     machine: &str,
     newer_than: Option<RunId>,
 ) -> Result<Vec<RunId>, StoreFault> {
-    let mut statement = connection.prepare(
-        "SELECT id FROM runs WHERE id > ?1 AND machine = ?2 AND state = ?3
-         AND NOT EXISTS (SELECT 1 FROM estimates WHERE run = runs.id) ORDER BY id",
-    )?;
-    let newer_than = newer_than.map_or(0, |run| run.0);
-    let finished = RunState::Finished.as_str();
-    let runs = statement.query_map(params![newer_than, machine, finished], |row| row.get(0))?;
-    Ok(runs.map(|id| id.map(RunId)).collect::<Result<_, _>>()?)
+    let select = "SELECT id FROM runs WHERE id > ?1 AND machine = ?2 AND state = ?3
+         AND NOT EXISTS (SELECT 1 FROM estimates WHERE run = runs.id) ORDER BY id";
+    let of = params![newer_than.map_or(0, |run| run.0), machine, RunState::Finished.as_str()];
+    select_rows(connection, select, of, |row| row.get(0).map(RunId))
 }

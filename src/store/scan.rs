@@ -3,7 +3,7 @@
 use rusqlite::{Connection, params};
 use serde::{Deserialize, Serialize};
 
-use super::{RunId, StoreFault, columns};
+use super::{AwaitableWrite, Journal, RunId, StoreFault, columns};
 use machine::Axis;
 use machine::record::reading::{Reading, ReadingFlag};
 
@@ -29,7 +29,15 @@ fn is_none(flag: &ReadingFlag) -> bool {
     *flag == ReadingFlag::None
 }
 
-pub(super) fn insert_scan(connection: &mut Connection, run: RunId, samples: &[Reading]) -> Result<(), StoreFault> {
+impl Journal {
+    /// Adds all samples of one scan.
+    pub fn add_scan(&self, run: RunId, samples: &[Reading]) -> AwaitableWrite<()> {
+        let samples = samples.to_vec();
+        self.submit_job(move |connection| insert_scan(connection, run, &samples))
+    }
+}
+
+fn insert_scan(connection: &mut Connection, run: RunId, samples: &[Reading]) -> Result<(), StoreFault> {
     let Some(first) = samples.first() else { return Ok(()) };
     let what = || format!("the scan of step {}", first.step);
     if !samples.iter().all(columns::has_only_finite_numbers) {

@@ -3,7 +3,7 @@
 
 use jiff::{Timestamp, Unit};
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{AuditEntry, AwaitableWrite, Journal, RunId, StoreError, StoreFault, audit, columns, write};
 
@@ -25,7 +25,7 @@ pub struct Arming {
 }
 
 /// Outcome of a slot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SlotOutcome {
     Started,
@@ -39,8 +39,6 @@ pub enum SlotOutcome {
 }
 
 impl SlotOutcome {
-    const ALL: [Self; 5] = [Self::Started, Self::Ran, Self::Failed, Self::Skipped, Self::Missed];
-
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Started => "started",
@@ -77,7 +75,17 @@ impl Journal {
     /// entry in the audit log.
     pub fn disarm_cycles(&self, machine: &str, cycle: Option<u16>, who: &str, why: &str) -> AwaitableWrite<usize> {
         let [machine, who, why] = [machine, who, why].map(str::to_owned);
-        self.submit_job(move |connection| end_armings_audited(connection, &machine, cycle, &who, &why))
+        self.submit_job(move |connection| {
+            let transaction = write::begin_transaction(connection)?;
+            let reason = if why.is_empty() { format!("by {who}") } else { format!("{why}, by {who}") };
+            let ended = end_armings(&transaction, &machine, cycle, &reason)?;
+            for arming in &ended {
+                let arming = Arming { who: who.clone(), why: why.clone(), ..arming.clone() };
+                insert_arming_audit_entry(&transaction, &arming, format!("cycle {} is disarmed", arming.cycle))?;
+            }
+            transaction.commit()?;
+            Ok(ended.len())
+        })
     }
 
     /// The last arming of each cycle of `machine`, whether it is still valid or not.
@@ -93,13 +101,9 @@ impl Journal {
     /// # Errors
     /// The journal cannot be read.
     pub fn machine_names(&self) -> Result<Vec<String>, StoreError> {
-        self.query(|connection| {
-            let all = "SELECT machine FROM runs UNION SELECT machine FROM schedules
+        let select = "SELECT machine FROM runs UNION SELECT machine FROM schedules
                        UNION SELECT machine FROM armings";
-            let mut statement = connection.prepare(all)?;
-            let names = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
-            Ok(names)
-        })
+        self.query(|connection| columns::select_rows(connection, select, [], |row| row.get(0)))
     }
 
     /// Registers the schedules of `machine` by name and calendar. Returns for each schedule the instant up to which its
@@ -111,7 +115,27 @@ impl Journal {
         now: Timestamp,
     ) -> AwaitableWrite<Vec<Timestamp>> {
         let machine = machine.to_owned();
-        self.submit_job(move |connection| replace_schedules(connection, &machine, &names_and_calendars, now))
+        self.submit_job(move |connection| {
+            let transaction = write::begin_transaction(connection)?;
+            let seen = names_and_calendars.iter().map(|(name, calendar)| {
+                let seen = transaction.query_row(
+                    "SELECT seen FROM schedules WHERE machine = ?1 AND schedule = ?2 AND calendar = ?3",
+                    params![machine, name, calendar],
+                    |row| columns::parse_text_column(row, 0),
+                );
+                Ok(seen.optional()?.unwrap_or_else(|| floor_to_whole_second(now)))
+            });
+            let seen = seen.collect::<Result<Vec<Timestamp>, StoreFault>>()?;
+            transaction.execute("DELETE FROM schedules WHERE machine = ?1", [&machine])?;
+            for ((name, calendar), seen) in names_and_calendars.iter().zip(&seen) {
+                transaction.execute(
+                    "INSERT INTO schedules (machine, schedule, calendar, seen) VALUES (?1, ?2, ?3, ?4)",
+                    params![machine, name, calendar, slot_time_text(*seen)],
+                )?;
+            }
+            transaction.commit()?;
+            Ok(seen)
+        })
     }
 
     /// Stores the outcome of a slot. `false`: an earlier outcome exists and is kept. Exceptions: a missed slot may
@@ -148,24 +172,6 @@ fn insert_arming(connection: &mut Connection, arming: &Arming) -> Result<(), Sto
     Ok(transaction.commit()?)
 }
 
-fn end_armings_audited(
-    connection: &mut Connection,
-    machine: &str,
-    cycle: Option<u16>,
-    who: &str,
-    why: &str,
-) -> Result<usize, StoreFault> {
-    let transaction = write::begin_transaction(connection)?;
-    let reason = if why.is_empty() { format!("by {who}") } else { format!("{why}, by {who}") };
-    let ended = end_armings(&transaction, machine, cycle, &reason)?;
-    for arming in &ended {
-        let arming = Arming { who: who.to_owned(), why: why.to_owned(), ..arming.clone() };
-        insert_arming_audit_entry(&transaction, &arming, format!("cycle {} is disarmed", arming.cycle))?;
-    }
-    transaction.commit()?;
-    Ok(ended.len())
-}
-
 /// Ends the armings that have not ended before.
 fn end_armings(
     transaction: &Transaction<'_>,
@@ -190,12 +196,10 @@ fn insert_arming_audit_entry(transaction: &Transaction<'_>, arming: &Arming, wha
 }
 
 fn select_last_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, StoreFault> {
-    let mut statement = connection.prepare(
-        "SELECT cycle, who, why, armed, until, ended, ended_why, after_event FROM armings
+    let select = "SELECT cycle, who, why, armed, until, ended, ended_why, after_event FROM armings
          WHERE seq IN (SELECT max(seq) FROM armings WHERE machine = ?1 GROUP BY cycle)
-         ORDER BY cycle",
-    )?;
-    let rows = statement.query_map([machine], |row| {
+         ORDER BY cycle";
+    let armings_and_events = columns::select_rows(connection, select, [machine], |row| {
         let ended = match row.get::<_, Option<String>>(5)? {
             Some(_) => Some((columns::parse_text_column(row, 5)?, row.get(6)?)),
             None => None,
@@ -212,11 +216,11 @@ fn select_last_armings(connection: &Connection, machine: &str) -> Result<Vec<Arm
         };
         Ok((arming, row.get::<_, i64>(7)?))
     })?;
-    rows.map(|row| {
-        let (arming, after) = row?;
-        Ok(Arming { broken_by_run: first_run_broken_after_event(connection, machine, after)?, ..arming })
-    })
-    .collect()
+    let with_broken_run = |(arming, after_event): (Arming, i64)| {
+        let broken_by_run = first_run_broken_after_event(connection, machine, after_event);
+        broken_by_run.map(|broken_by_run| Arming { broken_by_run, ..arming })
+    };
+    armings_and_events.into_iter().map(with_broken_run).collect()
 }
 
 /// The first run of `machine` that was held, failed or interrupted after the event `after_event`. Events are ordered
@@ -238,33 +242,6 @@ fn first_run_broken_after_event(
         |row| row.get(0).map(RunId),
     );
     Ok(found.optional()?)
-}
-
-fn replace_schedules(
-    connection: &mut Connection,
-    machine: &str,
-    names_and_calendars: &[(String, String)],
-    now: Timestamp,
-) -> Result<Vec<Timestamp>, StoreFault> {
-    let transaction = write::begin_transaction(connection)?;
-    let seen = names_and_calendars.iter().map(|(name, calendar)| {
-        let seen = transaction.query_row(
-            "SELECT seen FROM schedules WHERE machine = ?1 AND schedule = ?2 AND calendar = ?3",
-            params![machine, name, calendar],
-            |row| columns::parse_text_column(row, 0),
-        );
-        Ok(seen.optional()?.unwrap_or_else(|| floor_to_whole_second(now)))
-    });
-    let seen = seen.collect::<Result<Vec<Timestamp>, StoreFault>>()?;
-    transaction.execute("DELETE FROM schedules WHERE machine = ?1", [machine])?;
-    for ((name, calendar), seen) in names_and_calendars.iter().zip(&seen) {
-        transaction.execute(
-            "INSERT INTO schedules (machine, schedule, calendar, seen) VALUES (?1, ?2, ?3, ?4)",
-            params![machine, name, calendar, slot_time_text(*seen)],
-        )?;
-    }
-    transaction.commit()?;
-    Ok(seen)
 }
 
 fn upsert_slot(connection: &mut Connection, slot: &ScheduleSlot) -> Result<bool, StoreFault> {
@@ -291,26 +268,19 @@ fn upsert_slot(connection: &mut Connection, slot: &ScheduleSlot) -> Result<bool,
 }
 
 fn select_slots(connection: &Connection, machine: &str, limit: usize) -> Result<Vec<ScheduleSlot>, StoreFault> {
-    let mut statement = connection.prepare(
-        "SELECT schedule, at, cycle, outcome, why, run FROM slots
-         WHERE machine = ?1 ORDER BY at DESC, schedule LIMIT ?2",
-    )?;
+    let select = "SELECT schedule, at, cycle, outcome, why, run FROM slots
+         WHERE machine = ?1 ORDER BY at DESC, schedule LIMIT ?2";
     let limit = i64::try_from(limit).unwrap_or(i64::MAX);
-    let rows = statement.query_map(params![machine, limit], |row| slot_from_row(machine, row))?;
-    Ok(rows.collect::<Result<_, _>>()?)
+    columns::select_rows(connection, select, params![machine, limit], |row| slot_from_row(machine, row))
 }
 
 fn slot_from_row(machine: &str, row: &Row<'_>) -> rusqlite::Result<ScheduleSlot> {
-    let outcome: String = row.get(3)?;
     Ok(ScheduleSlot {
         machine: machine.to_owned(),
         schedule: row.get(0)?,
         at: columns::parse_text_column(row, 1)?,
         cycle: row.get(2)?,
-        outcome: SlotOutcome::ALL
-            .into_iter()
-            .find(|known| known.as_str() == outcome)
-            .ok_or_else(|| columns::damaged_column_error(3, format!("unknown outcome `{outcome}`").into()))?,
+        outcome: columns::parse_name_column(row, 3, "outcome")?,
         why: row.get(4)?,
         run: row.get(5)?,
     })

@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, params};
 use serde::Serialize;
 
-use super::{RunId, StoreFault, columns};
+use super::{AwaitableWrite, Journal, RunId, StoreFault, columns};
 
 /// Signature of a person under an estimate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -15,20 +15,17 @@ pub struct EstimateSignature {
     pub estimate_sha256: String,
 }
 
-pub(super) fn insert_signature(
-    connection: &mut Connection,
-    run: RunId,
-    signature: &EstimateSignature,
-) -> Result<(), StoreFault> {
-    let EstimateSignature { who, remark, estimate_sha256 } = signature;
-    connection
-        .execute(
-            "INSERT INTO signatures (run, at, who, remark, estimate_sha256)
-             VALUES (?1, ?2, ?3, ?4, ?5)",
-            params![run.0, columns::now_text(), who, remark, estimate_sha256],
-        )
-        .map_err(StoreFault::from_run_error(run))?;
-    Ok(())
+impl Journal {
+    /// Adds a signature that is never changed or removed.
+    pub fn add_signature(&self, run: RunId, signature: &EstimateSignature) -> AwaitableWrite<()> {
+        let EstimateSignature { who, remark, estimate_sha256 } = signature.clone();
+        self.submit_job(move |connection| {
+            let insert = "INSERT INTO signatures (run, at, who, remark, estimate_sha256)
+             VALUES (?1, ?2, ?3, ?4, ?5)";
+            let values = params![run.0, columns::now_text(), who, remark, estimate_sha256];
+            connection.execute(insert, values).map(drop).map_err(StoreFault::from_run_error(run))
+        })
+    }
 }
 
 /// Signatures of `run`, oldest first.

@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use super::durable_dir::remove_file_if_exists;
+
 #[derive(Debug, thiserror::Error)]
 pub enum StateFileError {
     #[error("{path}: {source}", path = path.display())]
@@ -102,12 +104,8 @@ impl StateFile {
     pub fn replace(&self, content: &impl Serialize) -> Result<(), StateFileError> {
         let text = serde_json::to_string_pretty(content).map_err(|error| self.json_error(error))?;
         let (temporary_path, failed) = (self.path.with_extension("new"), |error| self.file_error(error));
-        match fs::remove_file(&temporary_path) {
-            // The file was left over from a process that died.
-            Ok(()) => {}
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(failed(error)),
-        }
+        // A process that died may have left this file.
+        remove_file_if_exists(&temporary_path).map_err(failed)?;
         let mut file =
             self.give_to_daemon_user(create_private_file(&temporary_path).map_err(failed)?, &temporary_path)?;
         file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)?;

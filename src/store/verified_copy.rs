@@ -1,7 +1,6 @@
 //! A copy of an open journal as one file.
 
 use std::fs;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use rusqlite::Connection;
@@ -44,10 +43,7 @@ fn partial_copy_path(file: &Path) -> PathBuf {
 /// Copies all pages to `part`, checks the integrity of the copy and returns it open.
 fn copy_pages_and_check_integrity(source: &Connection, part: &Path) -> Result<Connection, StoreFault> {
     // A copy that was not completed may have left this file.
-    match fs::remove_file(part) {
-        Err(error) if error.kind() != ErrorKind::NotFound => return Err(error.into()),
-        _ => {}
-    }
+    durable_dir::remove_file_if_exists(part)?;
     let mut copy = Connection::open(part)?;
     // All pages in one step: with a write-ahead log no writer waits for a reader.
     match Backup::new(source, &mut copy)?.step(-1)? {

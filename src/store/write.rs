@@ -2,8 +2,8 @@
 
 use rusqlite::{Connection, Transaction, TransactionBehavior, params};
 
-use super::columns::{has_only_finite_numbers, now_text, to_json_with_finite_numbers};
-use super::{NewRun, RunId, RunState, StoreFault, read, sha256_text};
+use super::columns::{has_only_finite_numbers, now_text, select_rows, to_json_with_finite_numbers};
+use super::{AwaitableWrite, Journal, MachineLock, NewRun, RunId, RunState, StoreFault, read, sha256_text};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::event::RunEvent;
@@ -12,7 +12,70 @@ use machine::record::reading::Reading;
 
 const PROGRAM_VERSION: &str = env!("CARGO_PKG_VERSION");
 
-pub(super) fn insert_run(connection: &mut Connection, new: &NewRun) -> Result<RunId, StoreFault> {
+impl Journal {
+    /// Adds a run in state `running`, with this program's version and the hashes of its inputs.
+    pub fn begin_run(&self, new: &NewRun) -> AwaitableWrite<RunId> {
+        let new = new.clone();
+        self.submit_job(move |connection| insert_run(connection, &new))
+    }
+
+    /// Adds a stage that is about to run, and its new steps to the plan.
+    pub fn add_stage(&self, run: RunId, stage: &Stage, new_steps: &[Step]) -> AwaitableWrite<()> {
+        let (stage, steps) = (stage.clone(), new_steps.to_vec());
+        self.submit_job(move |connection| {
+            let text = to_json_with_finite_numbers("the stage", &stage)?;
+            let transaction = begin_transaction(connection)?;
+            transaction
+                .execute("INSERT INTO stages (run, stage) VALUES (?1, ?2)", params![run.0, text])
+                .map_err(StoreFault::from_run_error(run))?;
+            add_steps(&transaction, run, &steps)?;
+            Ok(transaction.commit()?)
+        })
+    }
+
+    pub fn add_reading(&self, run: RunId, reading: &Reading) -> AwaitableWrite<()> {
+        let reading = reading.clone();
+        self.submit_job(move |connection| insert_reading(connection, run, &reading))
+    }
+
+    pub fn add_event(&self, run: RunId, event: &RunEvent) -> AwaitableWrite<()> {
+        let event = event.clone();
+        self.submit_job(move |connection| insert_event(connection, run, &event))
+    }
+
+    /// Adds an estimate; earlier estimates of the run stay. Returns its [`super::sha256_of_json`].
+    pub fn add_estimate(&self, run: RunId, estimate: &Estimate) -> AwaitableWrite<String> {
+        let estimate = estimate.clone();
+        self.submit_job(move |connection| {
+            let text = to_json_with_finite_numbers("the estimate", &estimate)?;
+            let hash = sha256_text(&text);
+            let insert = "INSERT INTO estimates (run, made, estimate, sha256, program_version)
+             VALUES (?1, ?2, ?3, ?4, ?5)";
+            connection
+                .execute(insert, params![run.0, now_text(), text, hash, PROGRAM_VERSION])
+                .map_err(StoreFault::from_run_error(run))?;
+            Ok(hash)
+        })
+    }
+
+    /// Sets the state of the run.
+    pub fn set_state(&self, run: RunId, state: RunState) -> AwaitableWrite<()> {
+        self.submit_job(move |connection| set_state(connection, run, state))
+    }
+
+    /// Marks as interrupted the runs whose process died in state `running`. Holding the machine's lock proves that the
+    /// process is dead.
+    pub fn mark_running_runs_interrupted(&self, lock: &MachineLock) -> AwaitableWrite<Vec<RunId>> {
+        let machine = lock.machine().to_owned();
+        self.submit_job(move |connection| {
+            let update = "UPDATE runs SET state = ?1, ended = ?2 WHERE machine = ?3 AND state = ?4 RETURNING id";
+            let (dead, alive) = (RunState::Interrupted.as_str(), RunState::Running.as_str());
+            select_rows(connection, update, params![dead, now_text(), machine, alive], |row| row.get(0).map(RunId))
+        })
+    }
+}
+
+fn insert_run(connection: &mut Connection, new: &NewRun) -> Result<RunId, StoreFault> {
     let head = Plan { steps: Vec::new(), ..new.plan.clone() };
     let transaction = begin_transaction(connection)?;
     transaction.execute(
@@ -36,23 +99,6 @@ pub(super) fn insert_run(connection: &mut Connection, new: &NewRun) -> Result<Ru
     Ok(run)
 }
 
-pub(super) fn insert_stage(
-    connection: &mut Connection,
-    run: RunId,
-    stage: &Stage,
-    new_steps: &[Step],
-) -> Result<(), StoreFault> {
-    let transaction = begin_transaction(connection)?;
-    transaction
-        .execute(
-            "INSERT INTO stages (run, stage) VALUES (?1, ?2)",
-            params![run.0, to_json_with_finite_numbers("the stage", stage)?],
-        )
-        .map_err(StoreFault::from_run_error(run))?;
-    add_steps(&transaction, run, new_steps)?;
-    Ok(transaction.commit()?)
-}
-
 /// Adds steps to the plan and updates the hash of the plan.
 fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Result<(), StoreFault> {
     for step in steps {
@@ -68,7 +114,7 @@ fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), StoreFault
     Ok(())
 }
 
-pub(super) fn insert_reading(connection: &mut Connection, run: RunId, reading: &Reading) -> Result<(), StoreFault> {
+fn insert_reading(connection: &mut Connection, run: RunId, reading: &Reading) -> Result<(), StoreFault> {
     // SQLite would store a NaN as NULL, and JSON has no infinity: both are refused.
     let what = || format!("the reading of step {}", reading.step);
     if !has_only_finite_numbers(reading) {
@@ -103,7 +149,7 @@ pub(super) fn insert_reading(connection: &mut Connection, run: RunId, reading: &
     Ok(())
 }
 
-pub(super) fn insert_event(connection: &mut Connection, run: RunId, event: &RunEvent) -> Result<(), StoreFault> {
+fn insert_event(connection: &mut Connection, run: RunId, event: &RunEvent) -> Result<(), StoreFault> {
     let text = to_json_with_finite_numbers("an event", event)?;
     let transaction = begin_transaction(connection)?;
     transaction
@@ -115,24 +161,7 @@ pub(super) fn insert_event(connection: &mut Connection, run: RunId, event: &RunE
     Ok(transaction.commit()?)
 }
 
-pub(super) fn insert_estimate(
-    connection: &mut Connection,
-    run: RunId,
-    estimate: &Estimate,
-) -> Result<String, StoreFault> {
-    let text = to_json_with_finite_numbers("the estimate", estimate)?;
-    let hash = sha256_text(&text);
-    connection
-        .execute(
-            "INSERT INTO estimates (run, made, estimate, sha256, program_version)
-             VALUES (?1, ?2, ?3, ?4, ?5)",
-            params![run.0, now_text(), text, hash, PROGRAM_VERSION],
-        )
-        .map_err(StoreFault::from_run_error(run))?;
-    Ok(hash)
-}
-
-pub(super) fn set_state(connection: &mut Connection, run: RunId, state: RunState) -> Result<(), StoreFault> {
+fn set_state(connection: &mut Connection, run: RunId, state: RunState) -> Result<(), StoreFault> {
     let ended = (state != RunState::Running).then(now_text);
     let is_measured = matches!(state, RunState::NotIdentified | RunState::Finished);
     // Only the estimates show whether the run is identified.
@@ -162,16 +191,6 @@ fn update_mean_temperatures(transaction: &Transaction<'_>, run: RunId) -> Result
         [run.0],
     )?;
     Ok(())
-}
-
-pub(super) fn mark_interrupted(connection: &mut Connection, machine: &str) -> Result<Vec<RunId>, StoreFault> {
-    let mut statement =
-        connection.prepare("UPDATE runs SET state = ?1, ended = ?2 WHERE machine = ?3 AND state = ?4 RETURNING id")?;
-    let (dead, alive) = (RunState::Interrupted.as_str(), RunState::Running.as_str());
-    let marked = statement
-        .query_map(params![dead, now_text(), machine, alive], |row| row.get(0).map(RunId))?
-        .collect::<Result<Vec<_>, _>>()?;
-    Ok(marked)
 }
 
 /// Begins an immediate transaction, so that a second writing process waits and does not fail in mid-transaction.
