@@ -11,7 +11,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::access::Caller;
-use super::actions::{JsonOrFormBody, audit_entry};
+use super::actions::{ActionRequest, JsonOrFormBody, audit_entry};
 use super::openapi::schemas::DocumentedObject;
 use super::page::{errors_as_pages, machine_page_path};
 use super::problem::Problem;
@@ -23,7 +23,7 @@ use crate::compensation::{
 };
 use crate::service::machine_state::Refusal;
 use crate::service::worker_command::CompensationResultReceiver;
-use crate::store::RunId;
+use crate::store::{MachineLock, RunId};
 use methods::compensation::ProposalOptions;
 
 pub fn compensation_routes() -> OpenApiRouter<AppState> {
@@ -123,12 +123,12 @@ async fn write_compensation(
     let WriteCompensationRequest { who, approve, with_insignificant, max_change_mm, target } = body;
     let query = ProposalQuery { target, with_insignificant, max_change_mm };
     let source = query.source(run);
-    let who = decision_name(&caller, &who)?;
-    let (what, by) = (format!("compensation from run {run}"), who.clone());
-    let accepted = machine.gate.compensate(&what, query.target, move |compensation, lock| {
-        compensation.write(lock, &by, source, &approve).map(|(id, _)| id)
-    });
-    audit_and_respond(app, machine, is_form, who, what, accepted).await
+    let body = CompensationDecision { who, target: query.target };
+    let action = ActionRequest { app, machine, caller, body, is_form };
+    execute_decision(action, format!("compensation from run {run}"), move |compensation, lock, who| {
+        compensation.write(lock, who, source, &approve).map(|(id, _)| id)
+    })
+    .await
 }
 
 /// What the run has measured after the last compensation, against its prediction. Writes nothing.
@@ -153,12 +153,11 @@ async fn verify_compensation(
     JsonOrFormBody { body, is_form }: JsonOrFormBody<CompensationDecision>,
 ) -> Result<Response, Problem> {
     let machine = app.machine_of_run(run).await?;
-    let who = decision_name(&caller, &body.who)?;
-    let (what, by) = (format!("verification of the last compensation by run {run}"), who.clone());
-    let accepted = machine.gate.compensate(&what, body.target, move |compensation, lock| {
-        compensation.verify(lock, &by, RunId(run)).map(|verification| verification.compensation)
-    });
-    audit_and_respond(app, machine, is_form, who, what, accepted).await
+    let what = format!("verification of the last compensation by run {run}");
+    execute_decision(ActionRequest { app, machine, caller, body, is_form }, what, move |compensation, lock, who| {
+        compensation.verify(lock, who, RunId(run)).map(|verification| verification.compensation)
+    })
+    .await
 }
 
 /// Values that the control holds, and the last compensation.
@@ -174,34 +173,16 @@ async fn get_compensation(
 
 /// Restore the values before the last compensation.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/undo", operation_id = "undo", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber), (status = ACCEPTED, body = CompensationNumber)))]
-async fn undo_compensation(
-    State(app): State<AppState>,
-    machine: ServedMachine,
-    Extension(caller): Extension<Caller>,
-    JsonOrFormBody { body, is_form }: JsonOrFormBody<CompensationDecision>,
-) -> Result<Response, Problem> {
-    let who = decision_name(&caller, &body.who)?;
-    let (what, by) = ("undo of the last compensation".to_owned(), who.clone());
-    let accepted = machine
-        .gate
-        .compensate(&what, body.target, move |compensation, lock| compensation.undo(lock, &by).map(|last| last.id));
-    audit_and_respond(app, machine, is_form, who, what, accepted).await
+async fn undo_compensation(action: ActionRequest<CompensationDecision>) -> Result<Response, Problem> {
+    let what = "undo of the last compensation".to_owned();
+    execute_decision(action, what, |compensation, lock, who| compensation.undo(lock, who).map(|last| last.id)).await
 }
 
 /// Write the rest of a compensation that was interrupted, or confirm that the control was restarted.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/compensation/finish", operation_id = "finish", params(("name" = String, Path)), request_body = CompensationDecision, responses((status = CREATED, body = CompensationNumber), (status = ACCEPTED, body = CompensationNumber)))]
-async fn finish_compensation(
-    State(app): State<AppState>,
-    machine: ServedMachine,
-    Extension(caller): Extension<Caller>,
-    JsonOrFormBody { body, is_form }: JsonOrFormBody<CompensationDecision>,
-) -> Result<Response, Problem> {
-    let who = decision_name(&caller, &body.who)?;
-    let (what, by) = ("end of an unfinished compensation".to_owned(), who.clone());
-    let accepted = machine
-        .gate
-        .compensate(&what, body.target, move |compensation, lock| compensation.finish(lock, &by).map(|last| last.id));
-    audit_and_respond(app, machine, is_form, who, what, accepted).await
+async fn finish_compensation(action: ActionRequest<CompensationDecision>) -> Result<Response, Problem> {
+    let what = "end of an unfinished compensation".to_owned();
+    execute_decision(action, what, |compensation, lock, who| compensation.finish(lock, who).map(|last| last.id)).await
 }
 
 /// Measured errors for a control or a CAM system, as `trued compensate sheet` writes them.
@@ -225,15 +206,17 @@ fn decision_name(caller: &Caller, who: &str) -> Result<String, Problem> {
     }
 }
 
-/// Waits a limited time for the result of the worker. The result is in the audit log in any case.
-async fn audit_and_respond(
-    app: AppState,
-    machine: ServedMachine,
-    is_form: bool,
-    who: String,
+/// Sends the decision `what` of a person to the worker and waits a limited time for its result, the number of the
+/// compensation. The result is in the audit log in any case. The last argument of `decide` is the person's name.
+async fn execute_decision(
+    action: ActionRequest<CompensationDecision>,
     what: String,
-    accepted: Result<CompensationResultReceiver<i64>, Refusal>,
+    decide: impl FnOnce(&MachineCompensation<'_>, &MachineLock, &str) -> Result<i64, CompensationError> + Send + 'static,
 ) -> Result<Response, Problem> {
+    let ActionRequest { app, machine, caller, body: CompensationDecision { who, target }, is_form } = action;
+    let who = decision_name(&caller, &who)?;
+    let by = who.clone();
+    let accepted = machine.gate.compensate(&what, target, move |compensation, lock| decide(compensation, lock, &by));
     let page = machine_page_path(&machine.name);
     let work = tokio::spawn(await_and_audit(app, machine, who, what, accepted));
     let id = match tokio::time::timeout(MAX_RESPONSE_TIME, work).await {
