@@ -94,16 +94,14 @@ fn operators_of_run(stored: &StoredRun) -> Vec<String> {
 fn differences_from_previous_run(journal: &Journal, stored: &StoredRun) -> Result<Option<PreviousRun>, StoreError> {
     let summary = &stored.summary;
     let Some(previous) = earlier_finished_runs(journal, summary, 1)?.pop() else { return Ok(None) };
-    match compare_runs(journal, previous.id, summary.id) {
-        Ok(comparison) => Ok(Some(PreviousRun {
-            title: format!("run {} of {}", previous.id, format_local_time(previous.started)),
-            differences: comparison.differences,
-            common_sources: comparison.common_sources,
-            other_differences: comparison.other_differences,
-        })),
-        // A damaged earlier run does not prevent the report of this one.
-        Err(_) => Ok(None),
-    }
+    // A damaged earlier run does not prevent the report of this one.
+    let Ok(comparison) = compare_runs(journal, previous.id, summary.id) else { return Ok(None) };
+    Ok(Some(PreviousRun {
+        title: format!("run {} of {}", previous.id, format_local_time(previous.started)),
+        differences: comparison.differences,
+        common_sources: comparison.common_sources,
+        other_differences: comparison.other_differences,
+    }))
 }
 
 fn stage_proof(event: &RunEvent) -> Option<StageProof> {

@@ -114,9 +114,7 @@ pub fn resume_hint(run: RunId, can_resume: bool, position_lost: bool) -> String 
             "check the machine and home all axes, then continue with `trued resume {run} --acknowledge \
             YOUR_NAME --homed`"
         ),
-        (true, false) => {
-            format!("check the machine, then continue with `trued resume {run}`")
-        }
+        (true, false) => format!("check the machine, then continue with `trued resume {run}`"),
         (false, _) => format!(
             "run {run} cannot be resumed, because its references were not measured before the stop: start a \
             new run"

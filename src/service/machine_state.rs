@@ -215,15 +215,9 @@ pub enum CycleOutcome {
 }
 
 impl CycleOutcome {
-    pub(super) const ALL: [Self; 7] = [
-        Self::Judged(Verdict::Pass),
-        Self::Judged(Verdict::Fail),
-        Self::Judged(Verdict::Undecided),
-        Self::Judged(Verdict::UndecidedModel),
-        Self::Judged(Verdict::None),
-        Self::Held,
-        Self::Failed,
-    ];
+    pub(super) fn all() -> impl Iterator<Item = Self> {
+        Verdict::ALL.map(Self::Judged).into_iter().chain([Self::Held, Self::Failed])
+    }
 
     pub fn label(self) -> &'static str {
         match self {
@@ -258,6 +252,7 @@ pub struct RunFailure {
 }
 
 /// End of a cycle, as the worker reports it to the gate.
+#[derive(Default)]
 pub(super) struct CycleEnd<'a> {
     /// State of the machine from now on.
     pub state: ServiceState,
@@ -272,7 +267,7 @@ pub(super) struct CycleEnd<'a> {
 #[cfg(test)]
 impl CycleEnd<'_> {
     pub fn in_state(state: ServiceState) -> Self {
-        Self { state, estimate: None, failure: None, outcome: None, ended_by_link_error: false }
+        Self { state, ..Self::default() }
     }
 }
 

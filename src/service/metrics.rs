@@ -47,9 +47,8 @@ impl Default for Metrics {
         let journal_write_time = Histogram::new(exponential_buckets(0.0001, 2.5, 12));
         let help = "Duration of a write job of the journal, including its commit";
         registry.register("journal_write_seconds", help, journal_write_time.clone());
-        let registry = Arc::new(registry);
         Self {
-            registry,
+            registry: Arc::new(registry),
             cycles_by_outcome: runs,
             readings,
             refusals,
@@ -85,7 +84,7 @@ impl Metrics {
             self.state.get_or_create(&labels).set(i64::from(state == *now));
         }
         self.progress_age.get_or_create(&[name()]).set(progress_age.as_secs_f64());
-        for label in CycleOutcome::ALL.map(CycleOutcome::label) {
+        for label in CycleOutcome::all().map(CycleOutcome::label) {
             let count = counters.outcome_counts_by_label.get(label).copied().unwrap_or_default();
             set(&self.cycles_by_outcome.get_or_create(&[name(), ("outcome", label.into())]), count);
         }

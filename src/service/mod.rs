@@ -79,29 +79,25 @@ pub enum ServeError {
 impl ServeError {
     /// Remedy, where the message does not contain one.
     pub fn remedy(&self) -> Option<String> {
-        match self {
-            Self::Setup(error) => error.remedy(),
-            Self::Store(error) => Some(error.remedy().to_owned()),
-            Self::Lock(error) => Some(error.remedy().to_owned()),
-            Self::InvalidCycle { error, .. } => Some(error.remedy()),
-            Self::Listen { .. } => Some(
+        let remedy = match self {
+            Self::Setup(error) => return error.remedy(),
+            Self::InvalidCycle { error, .. } => return Some(error.remedy()),
+            Self::Artefact(error) => return Some(error.remedy()),
+            Self::ThreadNotStarted(_) => return None,
+            Self::Store(error) => error.remedy(),
+            Self::Lock(error) => error.remedy(),
+            Self::Token(error) => error.remedy(),
+            Self::Listen { .. } => {
                 "set `listen` to an address of this computer and a free port; a port below 1024 \
                  requires the capability CAP_NET_BIND_SERVICE"
-                    .to_owned(),
-            ),
-            Self::DuplicateMachineName(_) => Some(
-                "the journal identifies machines by name: give each machine its own `name` in [machine]".to_owned(),
-            ),
-            Self::NoTrigger(_) => {
-                Some("add [serve.modbus], [serve.line] or [serve.http] to its machine file".to_owned())
             }
-            Self::Token(error) => Some(error.remedy().to_owned()),
-            Self::Artefact(error) => Some(error.remedy()),
-            ServeError::ThreadNotStarted(_) => None,
-            Self::ThreadPanicked(_) => {
-                Some("inspect the machine, and report the error in the log as a defect of trued".to_owned())
+            Self::DuplicateMachineName(_) => {
+                "the journal identifies machines by name: give each machine its own `name` in [machine]"
             }
-        }
+            Self::NoTrigger(_) => "add [serve.modbus], [serve.line] or [serve.http] to its machine file",
+            Self::ThreadPanicked(_) => "inspect the machine, and report the error in the log as a defect of trued",
+        };
+        Some(remedy.to_owned())
     }
 }
 

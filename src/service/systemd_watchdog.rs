@@ -66,9 +66,7 @@ fn systemd_status_line(machines: &WatchedMachines) -> String {
         let machine_state = gate.machine_state();
         let name = name.replace(char::is_control, " ");
         match machine_state.state {
-            ServiceState::Running => {
-                format!("{name}: run {}, {} %", machine_state.run, machine_state.progress_percent)
-            }
+            ServiceState::Running => format!("{name}: run {}, {} %", machine_state.run, machine_state.progress_percent),
             state => format!("{name}: {}", state.label()),
         }
     });

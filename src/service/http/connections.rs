@@ -125,9 +125,9 @@ impl Connections {
         ConnectionGuard { connections: self.clone(), connection_number: number }
     }
 
-    fn set_task(&self, number: u64, task: AbortHandle) {
+    fn update_connection(&self, number: u64, update: impl FnOnce(&mut Connection)) {
         if let Some(connection) = self.lock_open_connections().get_mut(&number) {
-            connection.abort_handle = Some(task);
+            update(connection);
         }
     }
 
@@ -141,12 +141,6 @@ impl Connections {
             && all.values().filter(|connection| is_streaming(connection)).count() > MAX_EVENT_STREAMS
         {
             close_one_candidate(&mut all, is_streaming);
-        }
-    }
-
-    fn set_client(&self, number: u64, client: &str) {
-        if let Some(connection) = self.lock_open_connections().get_mut(&number) {
-            client.clone_into(&mut connection.client);
         }
     }
 
@@ -196,7 +190,7 @@ pub async fn accept_connections(listener: TcpListener, router: Router) -> std::i
         };
         let guard = connections.register_within_limits(number, from.ip(), Instant::now());
         let task = tokio::spawn(serve_connection(stream, from, router.clone(), guard));
-        connections.set_task(number, task.abort_handle());
+        connections.update_connection(number, |connection| connection.abort_handle = Some(task.abort_handle()));
     }
     Ok(())
 }
@@ -228,7 +222,7 @@ impl Connections {
         let mut permit = None;
         if content_type.starts_with(b"text/event-stream") {
             if let Some(ClientIdentity(client)) = response.extensions().get() {
-                self.set_client(number, client);
+                self.update_connection(number, |connection| client.clone_into(&mut connection.client));
             }
             self.set_state(number, ConnectionState::Streaming);
         } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_THRESHOLD_BYTES {
@@ -338,7 +332,7 @@ mod tests {
         let _taken: Vec<ConnectionGuard> =
             (0..300).map(|number| connections.register_within_limits(number, from, now)).collect();
         let listens = |number: u64, client: &str| {
-            connections.set_client(number, client);
+            connections.update_connection(number, |connection| client.clone_into(&mut connection.client));
             connections.set_state(number, ConnectionState::Streaming);
         };
         listens(0, "tablet");

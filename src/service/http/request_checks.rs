@@ -85,10 +85,7 @@ fn check_host_and_origin(names: &OwnHostNames, request: &Request) -> Result<(), 
         return Ok(());
     }
     let is_cross_origin = match text(ORIGIN) {
-        Some(origin) => {
-            let host = origin.split_once("://").map_or("", |(_, host)| host);
-            !names.contains(host)
-        }
+        Some(origin) => !origin.split_once("://").is_some_and(|(_, host)| names.contains(host)),
         // A browser sends the origin. A program sends the content type JSON, which a form of another site cannot send.
         None => !text(CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json")),
     };

@@ -35,11 +35,8 @@ pub fn find_due_and_missed_slots(
         Some(last) => last.max(last_recorded),
     };
     let (mut missed, has_more_missed) = calendar.newest_due_times_between(from, now, MAX_REPORTED_MISSED_SLOTS);
-    let in_time = |at: &Timestamp| now.duration_since(*at) <= MAX_SLOT_CHECK_DELAY;
-    let due = missed.last().copied().filter(|at| last_check.is_some() && in_time(at));
-    if due.is_some() {
-        missed.pop();
-    }
+    let is_due = |at: &mut Timestamp| last_check.is_some() && now.duration_since(*at) <= MAX_SLOT_CHECK_DELAY;
+    let due = missed.pop_if(is_due);
     DueAndMissedSlots { missed, has_more_missed, due }
 }
 

@@ -177,9 +177,7 @@ impl Scheduler {
             Ok(StartDecision::Skip(why)) => return self.record_skipped_slot(track, at, why.to_string()),
             Ok(StartDecision::Wait(why)) => why.to_string(),
             // Without a readable journal nothing starts.
-            Err(error) if now <= requirements.latest_start => {
-                format!("{error}; {}", error.remedy())
-            }
+            Err(error) if now <= requirements.latest_start => format!("{error}; {}", error.remedy()),
             Err(error) => return self.record_skipped_slot(track, at, error.to_string()),
         };
         if reason != last_reason {
@@ -198,17 +196,9 @@ impl Scheduler {
         let arming = armings.iter().find(|arming| arming.cycle == cycle);
         arming.into_iter().for_each(|arming| self.slot_recorder.end_broken_arming(arming));
         let interlocks = self.readiness.map(|readiness| readiness.interlocks).unwrap_or_default();
-        let refused = self.gate.check_start(cycle, interlocks).err();
-        Ok(decide_start(
-            requirements,
-            &CurrentConditions {
-                now,
-                gate_refusal: refused,
-                arming,
-                readiness: self.readiness,
-                idle_time: self.idle_time,
-            },
-        ))
+        let gate_refusal = self.gate.check_start(cycle, interlocks).err();
+        let Self { readiness, idle_time, .. } = *self;
+        Ok(decide_start(requirements, &CurrentConditions { now, gate_refusal, arming, readiness, idle_time }))
     }
 
     /// Starts a cycle: first in the journal, then at the gate.

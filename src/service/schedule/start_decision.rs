@@ -90,17 +90,14 @@ fn unmet_condition(
     requirements: &StartRequirements<'_>,
     conditions: &CurrentConditions<'_>,
 ) -> Option<NotStartedReason> {
-    let Some(readiness) = conditions.readiness else {
-        return Some(match conditions.gate_refusal {
-            None | Some(Refusal::Stale) => {
-                NotStartedReason::NoCurrentInputReport { inputs: required_input_names(requirements) }
-            }
-            Some(why) => NotStartedReason::GateWouldRefuse(why),
-        });
+    let readiness = match (conditions.readiness, conditions.gate_refusal) {
+        (None, None | Some(Refusal::Stale)) => {
+            let inputs = required_input_names(requirements);
+            return Some(NotStartedReason::NoCurrentInputReport { inputs });
+        }
+        (_, Some(why)) => return Some(NotStartedReason::GateWouldRefuse(why)),
+        (Some(readiness), None) => readiness,
     };
-    if let Some(why) = conditions.gate_refusal {
-        return Some(NotStartedReason::GateWouldRefuse(why));
-    }
     let unmet_input = requirements.required_conditions.iter().find_map(|input| match input {
         ReadinessCondition::Probe => {
             (!readiness.is_probe_ready).then_some("the control does not report that the probe is ready (`probe`)")

@@ -44,10 +44,8 @@ pub async fn serve_trigger_line(config: LinkConfig, gate: CommandGate, log: Log)
 }
 
 fn fresh_readiness(last: &LastReadinessReport) -> Readiness {
-    let report = *lock(last);
-    report
-        .filter(|(when, _)| when.elapsed() <= READINESS_REPORT_VALIDITY)
-        .map_or_else(Readiness::default, |(_, readiness)| readiness)
+    let report = lock(last).filter(|(when, _)| when.elapsed() <= READINESS_REPORT_VALIDITY);
+    report.map(|(_, readiness)| readiness).unwrap_or_default()
 }
 
 async fn serve_open_port(

@@ -289,16 +289,13 @@ impl IntoResponse for AccessDenied {
     fn into_response(self) -> Response {
         match self {
             AccessDenied::NoValidToken => {
-                let mut response = Problem::new(
+                let problem = Problem::new(
                     StatusCode::UNAUTHORIZED,
                     "no-token",
                     "this server requires a token",
                     "send `Authorization: Bearer TOKEN`, or sign in at /login; `trued token add` creates a token",
-                )
-                .into_response();
-                let bearer = HeaderValue::from_static("Bearer");
-                response.headers_mut().insert(WWW_AUTHENTICATE, bearer);
-                response
+                );
+                ([(WWW_AUTHENTICATE, "Bearer")], problem).into_response()
             }
             AccessDenied::RequiresRole(required) => Problem::new(
                 StatusCode::FORBIDDEN,

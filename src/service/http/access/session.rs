@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 
 use subtle::ConstantTimeEq;
 
-use super::tokens::{Token, generate_secret, sha256_hex};
+use super::tokens::{Token, generate_secret};
 use crate::service::lock;
+use crate::store::sha256_text;
 
 /// Duration of a session; after that, the user must sign in again.
 pub const SESSION_DURATION: Duration = Duration::from_secs(12 * 3600);
@@ -36,7 +37,7 @@ impl Sessions {
     /// The operating system provides no random numbers.
     pub fn open(&self, token: Token) -> Result<String, getrandom::Error> {
         let number = generate_secret()?;
-        let session = Session { number_sha256: sha256_hex(&number), token, started: Instant::now() };
+        let session = Session { number_sha256: sha256_text(&number), token, started: Instant::now() };
         let mut all = self.lock_and_remove_expired();
         if all.len() >= MAX_SESSIONS {
             all.remove(0);
@@ -46,14 +47,14 @@ impl Sessions {
     }
 
     pub fn find_token(&self, number: &str) -> Option<Token> {
-        let sha256 = sha256_hex(number);
+        let sha256 = sha256_text(number);
         let all = self.lock_and_remove_expired();
         let is = |session: &&Session| bool::from(session.number_sha256.as_bytes().ct_eq(sha256.as_bytes()));
         all.iter().find(is).map(|session| session.token.clone())
     }
 
     pub fn close(&self, number: &str) {
-        let sha256 = sha256_hex(number);
+        let sha256 = sha256_text(number);
         self.lock_and_remove_expired().retain(|session| session.number_sha256 != sha256);
     }
 }

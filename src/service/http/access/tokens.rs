@@ -9,12 +9,11 @@ use std::sync::Mutex;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
 use super::roles::Role;
 use crate::service::lock;
-use crate::store::{FileVersion, StateFile, StateFileError};
+use crate::store::{FileVersion, StateFile, StateFileError, sha256_text};
 
 /// Maximum number of tokens.
 const MAX_TOKENS: usize = 1000;
@@ -25,6 +24,7 @@ pub struct Token {
     pub name: String,
     pub role: Role,
     pub made: Timestamp,
+    /// SHA-256 of the secret. The secret has 256 random bits, so that neither a salt nor a slow hash is needed.
     sha256: String,
 }
 
@@ -106,7 +106,7 @@ impl TokenStore {
             return Err(TokenError::InvalidName(name.to_owned()));
         }
         let secret_text = format!("trued_{}", generate_secret()?);
-        let sha256 = sha256_hex(&secret_text);
+        let sha256 = sha256_text(&secret_text);
         let token = Token { name: name.to_owned(), role, made: Timestamp::now(), sha256 };
         self.change_tokens(|tokens| match tokens.iter().any(|known| known.name == name) {
             true => Err(TokenError::DuplicateName(name.to_owned())),
@@ -143,7 +143,7 @@ impl TokenStore {
 
 /// The token of `tokens` whose secret is `secret_text`. Every token is compared in full, so that the time is constant.
 pub fn find_token(tokens: &[Token], secret_text: &str) -> Option<Token> {
-    let sha256 = sha256_hex(secret_text);
+    let sha256 = sha256_text(secret_text);
     let mut found = None;
     for token in tokens {
         if bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes())) {
@@ -160,16 +160,7 @@ pub fn find_token(tokens: &[Token], secret_text: &str) -> Option<Token> {
 pub fn generate_secret() -> Result<String, getrandom::Error> {
     let mut bytes = [0; 32];
     getrandom::fill(&mut bytes)?;
-    Ok(hex_digits(&bytes))
-}
-
-/// SHA-256 of a secret. The secret has 256 random bits, so that neither a salt nor a slow hash is needed.
-pub fn sha256_hex(secret: &str) -> String {
-    hex_digits(&Sha256::digest(secret.as_bytes()))
-}
-
-fn hex_digits(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 #[cfg(test)]

@@ -57,15 +57,12 @@ pub struct ParameterSchema {
     /// Degrees of freedom; null: infinitely many.
     dof: Option<f64>,
     identifiable: bool,
-    #[schema(required = false)]
     u_monte_carlo: Option<f64>,
     /// Shortest coverage interval by Monte Carlo, with the coverage probability of k.
-    #[schema(required = false)]
     interval_monte_carlo: Option<[f64; 2]>,
     #[schema(required = false)]
     budget: Vec<BudgetLineSchema>,
     /// Judgement by the limit of the parameter; absent without a limit.
-    #[schema(required = false)]
     judged: Option<JudgementSchema>,
 }
 
@@ -77,7 +74,6 @@ pub struct JudgementSchema {
     limit: f64,
     verdict: VerdictSchema,
     /// Probability that the true value is within the limit; absent where the uncertainty cannot be trusted.
-    #[schema(required = false)]
     conformance: Option<f64>,
 }
 
@@ -87,22 +83,18 @@ pub struct JudgementSchema {
 pub struct BudgetLineSchema {
     source: String,
     /// A: by statistics of repeated readings; B: by other means. Absent in estimates of earlier versions.
-    #[schema(rename = "type", required = false)]
+    #[schema(rename = "type")]
     evaluation_type: Option<String>,
     /// Distribution of one draw: normal or rectangular. Absent in estimates of earlier versions.
-    #[schema(required = false)]
     distribution: Option<String>,
     /// Contribution to the standard uncertainty of the parameter, in its unit.
     u: f64,
     /// Degrees of freedom of the size of the source; absent: infinitely many.
-    #[schema(required = false)]
     dof: Option<f64>,
     /// Key of the machine file that declares the size of the source; `axes.*`: the key of each axis.
-    #[schema(required = false)]
     key: Option<String>,
     /// `u` divided by the declared size of the source; of several axes or sensors, by the largest size. Absent: `u` is
     /// not proportional to the size.
-    #[schema(required = false)]
     sensitivity: Option<f64>,
     /// Whether the size of the source, or a part of it, is assumed and not declared.
     #[schema(required = false)]
