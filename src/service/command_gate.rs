@@ -11,7 +11,7 @@ use tokio::sync::{mpsc, watch};
 use tracing::field::Empty;
 use tracing::info_span;
 
-use super::config::{ServeConfig, StartInterlock};
+use super::config::ServeConfig;
 use super::heartbeat::Heartbeat;
 use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, ServiceState};
 use super::schedule_state::{ReadinessSource, StartDueCycleRequest};
@@ -22,6 +22,7 @@ use crate::store::{Journal, NewestMeasuredRuns, RunId, StoreError};
 use devices::controllers::HaltHandle;
 
 /// State of a [`CommandGate`].
+#[derive(Default)]
 pub(super) struct CommandGateState {
     pub(super) machine_state: MachineState,
     /// Halt handle of the run in progress.
@@ -38,7 +39,6 @@ pub(super) struct CommandGateState {
     last_cycle_end_time: Option<Instant>,
     /// Why the register of artefacts permits no run.
     pub(super) artefact_failure: Option<String>,
-    pub(super) heartbeat: Heartbeat,
     pub(super) readiness_sources: Vec<ReadinessSource>,
     pub(super) due_request_sender: Option<Sender<StartDueCycleRequest>>,
 }
@@ -46,10 +46,9 @@ pub(super) struct CommandGateState {
 #[derive(Clone)]
 pub struct CommandGate {
     gate_state: Arc<Mutex<CommandGateState>>,
+    pub(super) heartbeat: Arc<Mutex<Heartbeat>>,
     command_sender: mpsc::Sender<WorkerCommand>,
-    cycle_numbers: Arc<[u16]>,
-    required_interlocks: Arc<[StartInterlock]>,
-    min_pause_between_cycles: Duration,
+    pub(super) config: Arc<ServeConfig>,
     log: Log,
     /// Counter of the changes of the machine state.
     change_counter: Arc<watch::Sender<u64>>,
@@ -61,25 +60,11 @@ impl CommandGate {
     /// The returned receiver receives the accepted commands.
     pub fn new(config: &ServeConfig, log: Log) -> (Self, mpsc::Receiver<WorkerCommand>) {
         let (command_sender, command_receiver) = mpsc::channel(8);
-        let inner = CommandGateState {
-            machine_state: MachineState::default(),
-            halt_handle: None,
-            is_hold_requested: false,
-            is_command_in_progress: false,
-            prompt_answer: None,
-            rehearsal_results_by_cycle: BTreeMap::new(),
-            last_cycle_end_time: None,
-            artefact_failure: None,
-            heartbeat: Heartbeat::now(config.max_event_interval),
-            readiness_sources: Vec::new(),
-            due_request_sender: None,
-        };
         let gate = Self {
-            gate_state: Arc::new(Mutex::new(inner)),
+            gate_state: Arc::default(),
+            heartbeat: Arc::new(Mutex::new(Heartbeat::now(config.max_event_interval))),
             command_sender,
-            cycle_numbers: config.cycles.iter().map(|cycle| cycle.number).collect(),
-            required_interlocks: config.required_interlocks.clone().into(),
-            min_pause_between_cycles: config.min_pause_between_cycles,
+            config: Arc::new(config.clone()),
             log,
             change_counter: Arc::new(watch::Sender::new(0)),
             newest_runs_query_lock: Arc::default(),
@@ -159,7 +144,7 @@ impl CommandGate {
     ) -> Result<InspectionResultReceiver, Refusal> {
         let inner = self.lock_state();
         let judged = match inner.machine_state.state {
-            ServiceState::Held => interlocks.start_refusal(&self.required_interlocks).map_or(Ok(()), Err),
+            ServiceState::Held => interlocks.start_refusal(&self.config.required_interlocks).map_or(Ok(()), Err),
             ServiceState::Running => Err(Refusal::Busy),
             _ => Err(Refusal::NothingToAcknowledge),
         };
@@ -207,7 +192,7 @@ impl CommandGate {
         interlocks: Interlocks,
     ) -> Result<(), Refusal> {
         inner.machine_state.state.check_waiting()?;
-        if !self.cycle_numbers.contains(&cycle) {
+        if !self.config.cycles.iter().any(|known| known.number == cycle) {
             return Err(Refusal::NoSuchCycle);
         }
         if inner.rehearsal_results_by_cycle.get(&cycle).is_some_and(|known| known.has_prompts)
@@ -218,10 +203,10 @@ impl CommandGate {
         if inner.artefact_failure.is_some() {
             return Err(Refusal::ArtefactRefused);
         }
-        if let Some(why) = interlocks.start_refusal(&self.required_interlocks) {
+        if let Some(why) = interlocks.start_refusal(&self.config.required_interlocks) {
             return Err(why);
         }
-        match inner.last_cycle_end_time.is_some_and(|end| end.elapsed() < self.min_pause_between_cycles) {
+        match inner.last_cycle_end_time.is_some_and(|end| end.elapsed() < self.config.min_pause_between_cycles) {
             true => Err(Refusal::TooSoon),
             false => Ok(()),
         }
@@ -229,12 +214,11 @@ impl CommandGate {
 
     /// Records a refusal in the machine state and the log.
     pub fn record_refusal(&self, why: Refusal, what: &str) {
-        let mut inner = self.lock_state();
-        inner.machine_state.last_refusal = Some(why);
-        inner.machine_state.refusal_count = inner.machine_state.refusal_count.wrapping_add(1);
-        *inner.machine_state.counters.refusal_counts.entry(why).or_default() += 1;
-        drop(inner);
-        self.notify_change();
+        self.update_machine_state(|machine_state| {
+            machine_state.last_refusal = Some(why);
+            machine_state.refusal_count = machine_state.refusal_count.wrapping_add(1);
+            *machine_state.counters.refusal_counts.entry(why).or_default() += 1;
+        });
         self.log.info(&format!("request refused: {what}: {why}"));
     }
 

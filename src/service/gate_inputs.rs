@@ -9,6 +9,7 @@ use tokio::sync::oneshot;
 
 use super::command_gate::CommandGate;
 use super::heartbeat::Heartbeat;
+use super::lock;
 use super::machine_state::Interlocks;
 use super::not_started::NotStartedReason;
 use super::schedule_state::{Readiness, StartDueCycleRequest};
@@ -24,16 +25,16 @@ impl CommandGate {
 
     /// Reports progress of the worker; the next report is due within `next_report_within`.
     pub fn report_progress(&self, next_report_within: Duration) {
-        self.lock_state().heartbeat = Heartbeat::now(next_report_within);
+        *lock(&self.heartbeat) = Heartbeat::now(next_report_within);
     }
 
     /// Time since the last report of progress.
     pub fn progress_age(&self) -> Duration {
-        self.lock_state().heartbeat.age()
+        lock(&self.heartbeat).age()
     }
 
     pub fn is_progress_late(&self) -> bool {
-        self.lock_state().heartbeat.is_late()
+        lock(&self.heartbeat).is_late()
     }
 
     /// Adds a source that reports the readiness of the machine.

@@ -65,7 +65,6 @@ impl MachineWorker {
             setup::configure_method_and_plan_without_steps(&machine, &cycle.method, cycle.repeat)?;
         }
         let (gate, commands) = CommandGate::new(&config, log.clone());
-        let identifications = IdentificationQueue::default();
         Ok(Self {
             machine_file: machine,
             config,
@@ -76,7 +75,7 @@ impl MachineWorker {
             log,
             capture_files: None,
             machine_lock: None,
-            identification_queue: identifications,
+            identification_queue: IdentificationQueue::default(),
         })
     }
 
@@ -187,9 +186,6 @@ impl MachineWorker {
             name: self.machine_name().to_owned(),
             machine_file: Arc::new(self.machine_file.clone()),
             gate: self.gate.clone(),
-            cycles: self.config.cycles.clone(),
-            required_interlocks: self.config.required_interlocks.clone(),
-            verdict_validity: self.config.verdict_validity,
             live_part_cache: Arc::default(),
         }
     }
@@ -226,13 +222,7 @@ impl MachineWorker {
             Ok((run, estimate)) => {
                 self.log.info(&format!("run {run} is finished, verdict {}", estimate.verdict));
                 let outcome = Some(CycleOutcome::Judged(estimate.verdict));
-                CycleEnd {
-                    state: ServiceState::Waiting,
-                    estimate: Some(estimate),
-                    failure: None,
-                    outcome,
-                    ended_by_link_error: false,
-                }
+                CycleEnd { state: ServiceState::Waiting, estimate: Some(estimate), outcome, ..CycleEnd::default() }
             }
             Err(failed) => self.log_failed_cycle(failed, state_if_unopened),
         };

@@ -70,7 +70,8 @@ pub struct PromptStatus {
 impl MachineStatus {
     pub fn from_machine(machine: &ServedMachine) -> Self {
         let now = machine.gate.machine_state();
-        let cycles = machine.cycles.iter();
+        let config = &machine.gate.config;
+        let cycles = config.cycles.iter();
         let cycles = cycles.map(|c| StartableCycle { number: c.number, method: c.method.clone() });
         let prompt = |OpenPrompt { step_id: step, repeat_number: repeat, text }| PromptStatus {
             step,
@@ -82,7 +83,7 @@ impl MachineStatus {
             name: machine.name.clone(),
             state: now.state.label(),
             is_worker_late: machine.gate.is_progress_late(),
-            result: NewestResult::from_newest_runs(&now.newest_runs, machine.verdict_validity, Timestamp::now()),
+            result: NewestResult::from_newest_runs(&now.newest_runs, config.verdict_validity, Timestamp::now()),
             not_identified: now.newest_runs.newer_run_without_estimate.map(|run| run.0),
             verdict: now.verdict,
             cycle: now.cycle,

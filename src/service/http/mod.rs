@@ -44,7 +44,7 @@ pub use self::page::machine_page_path;
 pub use self::page_address_file::PageAddressFile;
 use self::problem::Problem;
 use super::command_gate::CommandGate;
-use super::config::{CycleConfig, HttpConfig, StartInterlock};
+use super::config::HttpConfig;
 use super::machine_state::Refusal;
 use super::metrics::Metrics;
 use super::{Log, ServeError, spawn_thread};
@@ -59,11 +59,6 @@ pub struct ServedMachine {
     pub name: String,
     pub machine_file: Arc<MachineFile>,
     pub gate: CommandGate,
-    pub cycles: Vec<CycleConfig>,
-    /// Conditions that a person must confirm to start a cycle.
-    pub required_interlocks: Vec<StartInterlock>,
-    /// Time for which a verdict stays valid.
-    pub verdict_validity: Duration,
     /// Cache of the rendered live part of the machine's page.
     pub live_part_cache: Arc<page::RenderingCache>,
 }

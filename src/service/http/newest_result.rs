@@ -73,7 +73,7 @@ pub fn newest_result_of_each_method(
             state: Some(RunState::NotIdentified),
             ..RunFilter::default()
         };
-        let outdated = has_invalid_age(result.ended, machine.verdict_validity, now)
+        let outdated = has_invalid_age(result.ended, machine.gate.config.verdict_validity, now)
             || !journal.list_runs(unidentified, 1)?.is_empty();
         Ok(NewestMethodResult { machine: machine.name.clone(), result, outdated })
     };

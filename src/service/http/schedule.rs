@@ -54,7 +54,7 @@ struct ArmRequest {
 async fn arm_cycle(action: ActionRequest<ArmRequest>) -> Result<Response, Problem> {
     let ArmRequest { cycle, who, until, why } = &action.body;
     let (machine, who) = (&action.machine, action.caller.audit_name(who)?);
-    if !machine.cycles.iter().any(|known| known.number == *cycle) {
+    if !machine.gate.config.cycles.iter().any(|known| known.number == *cycle) {
         return Err(Refusal::NoSuchCycle.into());
     }
     let now = Timestamp::now();

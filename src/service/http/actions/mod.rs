@@ -117,14 +117,12 @@ fn interlocks_confirmed_by_person(machine: &ServedMachine) -> Interlocks {
         is_stop_set: false,
         has_person_for_prompts: true,
     };
-    machine
-        .gate
-        .combined_fresh_interlocks()
-        .map_or(confirmed, |reported| Interlocks { has_person_for_prompts: true, ..reported })
+    let reported = machine.gate.combined_fresh_interlocks();
+    Interlocks { has_person_for_prompts: true, ..reported.unwrap_or(confirmed) }
 }
 
 fn check_interlocks_confirmed_by_person(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
-    let missing = machine.required_interlocks.iter().find_map(|demand| match demand {
+    let missing = machine.gate.config.required_interlocks.iter().find_map(|demand| match demand {
         StartInterlock::Enable if !request.enable => Some("that the machine may move (`enable`)"),
         StartInterlock::Auto if !request.auto => Some("that the control is in automatic mode (`auto`)"),
         StartInterlock::Door if !request.door => Some("that the guards are closed (`door`)"),

@@ -20,7 +20,6 @@ use crate::service::http::machine_status::MachineStatus;
 use crate::service::http::newest_result::NewestResult;
 use crate::service::http::problem::Problem;
 use crate::service::http::{AppState, ServedMachine};
-use crate::service::machine_state::RunFailure;
 use crate::service::schedule_state::load_agenda;
 use crate::store::{FinishedRunResult, Journal, RunFilter, RunId, StoredRun};
 use machine::record::estimate::Verdict;
@@ -47,7 +46,7 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
         machine => status,
         views,
         waits,
-        vouch => machine.required_interlocks.iter().map(confirmation_values).collect::<Vec<_>>(),
+        vouch => gate.config.required_interlocks.iter().map(confirmation_values).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::trend_values).collect::<Vec<_>>(),
         runs,
         compensations => compensation::last_compensation_values(journal, machine_file)?,
@@ -92,7 +91,9 @@ fn resume_values(stored: &StoredRun) -> Value {
 }
 
 pub fn status_values(machine: &ServedMachine) -> Value {
-    let status = MachineStatus::from_machine(machine);
+    let mut status = MachineStatus::from_machine(machine);
+    // The page shows the parameters of the newest result instead.
+    status.parameters.clear();
     let result = status.result.as_ref();
     let (class, glance) = state_class_and_text(&status, result);
     // Outdated values are shown only on the page of their run.
@@ -100,21 +101,7 @@ pub fn status_values(machine: &ServedMachine) -> Value {
     let newest = machine.gate.machine_state().newest_runs;
     let rows = newest.newest_result.as_ref().filter(|_| shows_values).map(rows_of_newest_result).unwrap_or_default();
     let parameters = headline_rows(&rows);
-    let cycles = status.cycles.iter();
-    let cycles = cycles.map(|c| context! { number => c.number, method => c.method.as_str() });
     context! {
-        name => status.name.as_str(),
-        state => status.state,
-        run => status.run,
-        late => status.is_worker_late,
-        not_identified => status.not_identified,
-        stage => status.stage.as_str(),
-        step => status.step.as_str(),
-        progress_percent => status.progress_percent,
-        measured => status.measured_step_count,
-        refusal => status.refusal.as_deref(),
-        failure => status.failure.as_ref().map(|RunFailure { what, remedy }| context! { what, remedy }),
-        cycles => cycles.collect::<Vec<_>>(),
         result => result.map(|newest| context! { run => newest.run, at => format_local_time(newest.measured) }),
         asked => status.open_prompt.as_ref().map(|asked| context! {
             step => asked.step,
@@ -129,6 +116,7 @@ pub fn status_values(machine: &ServedMachine) -> Value {
         parameters => Serde(&parameters),
         remaining => status.remaining_s.map(format_minutes_and_seconds),
         now => format_local_time(Timestamp::now()),
+        ..Serde(&status)
     }
 }
 
@@ -198,19 +186,9 @@ mod tests {
     /// The last state reported by a hung worker is not shown as the current one.
     #[test]
     fn page_of_a_hung_worker_shows_state_unknown_and_no_run_values() {
-        let ((gate, _asks), verdict_validity) = (CommandGate::for_tests(), Duration::from_secs(3600));
-        let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
+        let (gate, _asks) = CommandGate::for_tests();
         let machine_file = Arc::new(MachineFile::built_in_for_method("self-calibration").unwrap());
-        let (required_interlocks, live_part) = (demand, Arc::default());
-        let machine = ServedMachine {
-            name,
-            machine_file,
-            gate,
-            cycles,
-            required_interlocks,
-            verdict_validity,
-            live_part_cache: live_part,
-        };
+        let machine = ServedMachine { name: "mill".to_owned(), machine_file, gate, live_part_cache: Arc::default() };
         machine.gate.update_machine_state(|machine_state| {
             (machine_state.state, machine_state.run, machine_state.measured_step_count) =
                 (ServiceState::Running, 3, 17);

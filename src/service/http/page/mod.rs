@@ -25,6 +25,7 @@ use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::get;
 use include_dir::{Dir, File, include_dir};
 use jiff::Timestamp;
+use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 pub use self::error_page::{error_page, has_json_content_type};
@@ -138,14 +139,9 @@ fn row_of_run_on(machine: Option<&ServedMachine>, run: &RunSummary) -> Value {
 
 fn row_of_run(run: &RunSummary) -> Value {
     context! {
-        id => run.id.0,
         started => format_local_time(run.started),
-        method => run.method.as_str(),
-        machine => run.machine.as_str(),
-        state => run.state.as_str(),
-        signed => run.signed.as_deref(),
         verdict_class => run.verdict.map(verdict_class),
         verdict_word => run.verdict.map(verdict_word),
-        end_reason => run.end_reason.as_deref(),
+        ..Serde(run)
     }
 }

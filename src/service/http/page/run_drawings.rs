@@ -163,17 +163,14 @@ fn projection_values(name: &str, up_index: usize, marks: &[StepMark], bodies: &[
 /// drawn.
 fn body_outline(body: BodyShape, up_index: usize) -> Value {
     let flat = |at: Vector3<f64>| [at.x, -at[up_index]].map(format_mm);
+    let circle = |centre: Vector3<f64>, radius: f64| context! { centre => flat(centre), radius => format_mm(radius) };
     match body {
-        BodyShape::Ball { centre, radius } => {
-            context! { centre => flat(centre), radius => format_mm(radius) }
-        }
+        BodyShape::Ball { centre, radius } => circle(centre, radius),
         BodyShape::Cylinder { from, to, radius } => {
             let along = to - from;
             match along.x.hypot(along[up_index]) < 0.1 * along.norm() {
-                true => context! { centre => flat(from), radius => format_mm(radius) },
-                false => {
-                    context! { from => flat(from), to => flat(to), width => format_mm(2.0 * radius) }
-                }
+                true => circle(from, radius),
+                false => context! { from => flat(from), to => flat(to), width => format_mm(2.0 * radius) },
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Schedule on a machine's page: the next times, and the outcome of the last slots.
 
 use jiff::Timestamp;
+use minijinja::value::Serde;
 use minijinja::{Value, context};
 
 use crate::report::time::format_local_time;
@@ -27,14 +28,12 @@ pub fn schedule_values(agenda: &Agenda) -> Option<Value> {
 
 fn planned_schedule_values(planned: &PlannedSchedule, armed: Option<&Arming>) -> Value {
     context! {
-        name => planned.name.as_str(),
-        cycle => planned.cycle,
         next => planned.next.first().map(|at| at.strftime("%A, %-d %B, %H:%M %Z").to_string()),
-        waiting => planned.waiting.as_deref(),
         armed => armed.map(|arming| context! {
             who => arming.who.as_str(),
             until => format_local_time(arming.until),
         }),
+        ..Serde(planned)
     }
 }
 
@@ -42,8 +41,6 @@ fn slot_values(slot: &ScheduleSlot) -> Value {
     context! {
         at => format_local_time(slot.at),
         name => slot.schedule.as_str(),
-        outcome => slot.outcome.as_str(),
-        why => slot.why.as_str(),
-        run => slot.run,
+        ..Serde(slot)
     }
 }
