@@ -56,8 +56,8 @@ pub(super) fn plan_path_around_ball(
     let corner = tangent_corner(here, there)?.into_iter();
     let corner = corner.map(|off| reachable_position_beside_ball(surroundings, machine, &ball, start, off));
     let places: Vec<Position> = corner.chain([Some(start.clone())]).collect::<Option<_>>()?;
-    let mut moves = [position].into_iter().chain(&places).zip(&places);
-    let is_free = moves.all(|(from, to)| surroundings.is_path_free(from, to, &ball.name));
+    let starts = [position].into_iter().chain(&places);
+    let is_free = starts.zip(&places).all(|(from, to)| surroundings.is_path_free(from, to, &ball.name));
     is_free.then_some(places)
 }
 
