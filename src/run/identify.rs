@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tokio::sync::oneshot;
 
-use super::priority::{COMPUTATION_NICE, lower_priority};
+use super::priority::spawn_computation;
 use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256_of_json};
 use devices::controllers::HaltHandle;
@@ -59,17 +59,6 @@ impl IdentificationError {
     fn is_permanent(&self) -> bool {
         matches!(self, Self::Refused(_) | Self::Setup(_) | Self::ThreadFailed)
     }
-}
-
-/// Runs the computation on a thread of its own with a low priority. If the receiver is dropped, the thread ends
-/// with the computation or with the program.
-fn spawn_computation<T: Send + 'static>(computation: impl FnOnce() -> T + Send + 'static) -> oneshot::Receiver<T> {
-    let (answer, result) = oneshot::channel();
-    std::thread::spawn(move || {
-        lower_priority(COMPUTATION_NICE);
-        drop(answer.send(computation()));
-    });
-    result
 }
 
 /// Identifies and judges the run; a stop ends the wait at once.

@@ -1,8 +1,10 @@
 //! Thread priorities on a small computer: the run first, then HTTP requests such as a hold, then long
 //! computations.
 
+use tokio::sync::oneshot;
+
 /// Nice increment of long computations: proofs and identifications.
-pub const COMPUTATION_NICE: i32 = 10;
+const COMPUTATION_NICE: i32 = 10;
 /// Nice increment of threads that serve pages and other HTTP requests.
 pub const HTTP_NICE: i32 = 5;
 
@@ -10,6 +12,19 @@ pub const HTTP_NICE: i32 = 5;
 /// priority stays the same where the system refuses.
 pub fn lower_priority(nice_increment: i32) {
     let _ = rustix::process::nice(nice_increment);
+}
+
+/// Runs the computation on a thread of its own with a low priority. If the receiver is dropped, the thread ends
+/// with the computation or with the program.
+pub(super) fn spawn_computation<T: Send + 'static>(
+    computation: impl FnOnce() -> T + Send + 'static,
+) -> oneshot::Receiver<T> {
+    let (answer, result) = oneshot::channel();
+    std::thread::spawn(move || {
+        lower_priority(COMPUTATION_NICE);
+        drop(answer.send(computation()));
+    });
+    result
 }
 
 #[cfg(test)]

@@ -1,8 +1,6 @@
 //! One stage: plan all blocks, prove their text, then execute them.
 
-use tokio::sync::oneshot;
-
-use super::priority::{COMPUTATION_NICE, lower_priority};
+use super::priority::spawn_computation;
 use super::prompts::first_prompt_text;
 use super::remaining_stages::{RehearsedStage, RemainingStages};
 use super::{Run, RunError};
@@ -34,13 +32,6 @@ struct StepBlocks<B> {
 /// (docs/resident-program.md).
 const MAX_BLOCK_MOTIONS: usize = 16;
 
-/// Dialect of the program text, and the form in which the text is sent to the control.
-#[derive(Clone, Copy)]
-struct DialectAndTransmission<'a> {
-    dialect: &'a Dialect,
-    transmission: &'a TransmissionForm,
-}
-
 /// State of the machine at the start of a stage.
 #[derive(Clone)]
 struct StageStart {
@@ -56,12 +47,11 @@ impl Run<'_> {
         stage: &Stage,
         machine_position: Option<Position>,
     ) -> Result<Option<Position>, RunError> {
-        let machine_position = self.wait_for_prompts(stage, machine_position).await?;
+        let mut machine_position = self.wait_for_prompts(stage, machine_position).await?;
         let begin = StageStart { position: machine_position.clone(), confirmed_directions: self.confirmed_directions };
-        let sent = DialectAndTransmission { dialect: &self.devices.dialect, transmission: &self.transmission };
-        let (tasks, proof) = plan_and_prove_on_thread(&self.plan, sent, done, stage, begin).await?;
+        let (dialect, transmission) = (&self.devices.dialect, &self.transmission);
+        let (tasks, proof) = plan_and_prove_on_thread(&self.plan, dialect, transmission, done, stage, begin).await?;
         self.record_event(RunEvent::StageProven { stage: stage.id, proof }).await?;
-        let mut machine_position = machine_position;
         let mut tasks = tasks.into_iter().peekable();
         while let Some(task) = tasks.next() {
             let StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position } = task;
@@ -126,17 +116,14 @@ impl Run<'_> {
         for block in blocks {
             outcome = self.devices.open_controller.execute(block).await?;
         }
+        let control_time_s = outcome.trigger_time_s.unwrap_or_else(|| self.devices.clock.now_s());
         Ok(vec![Reading {
             step: step.id,
             repeat: repeat_number,
             position: outcome.trigger_position.ok_or(RunError::NoContactPosition { step: step.id })?,
-            value_mm: None,
             sensor: step.first_sensor().to_owned(),
-            t_s: self
-                .timeline
-                .control_to_run_time_s(outcome.trigger_time_s.unwrap_or_else(|| self.devices.clock.now_s())),
-            flag: ReadingFlag::None,
-            temperatures_c: Default::default(),
+            t_s: self.timeline.control_to_run_time_s(control_time_s),
+            ..Reading::default()
         }])
     }
 }
@@ -182,8 +169,8 @@ pub(super) async fn rehearse_stages(
         if !split_prompts(&plan, &stage.steps)?.0.is_empty() {
             begin.confirmed_directions = TouchedDirections::default();
         }
-        let sent = DialectAndTransmission { dialect, transmission: &TransmissionForm::TableRows };
-        let (tasks, _) = plan_and_prove_on_thread(&plan, sent, &done, &stage, begin.clone()).await?;
+        let transmission = &TransmissionForm::TableRows;
+        let (tasks, _) = plan_and_prove_on_thread(&plan, dialect, transmission, &done, &stage, begin.clone()).await?;
         let machine_s = tasks.first().map_or(0.0, |task| task.time_to_stage_end_s);
         stages.push(RehearsedStage { name: stage.name.clone(), machine_time_s: machine_s });
         for task in tasks {
@@ -198,39 +185,36 @@ pub(super) async fn rehearse_stages(
 /// Plans and proves on a separate thread: a halt must not wait for the proof.
 async fn plan_and_prove_on_thread(
     plan: &Plan,
-    dialect_and_transmission: DialectAndTransmission<'_>,
+    dialect: &Dialect,
+    transmission: &TransmissionForm,
     done: &[Stage],
     stage: &Stage,
     stage_start: StageStart,
 ) -> Result<(Vec<StepBlocks<ProvenBlock>>, StageProof), RunError> {
-    let (answer, result) = oneshot::channel();
     let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
-    let (plan, dialect) = (plan.clone(), dialect_and_transmission.dialect.clone());
-    let transmission = dialect_and_transmission.transmission.clone();
+    let (plan, dialect, transmission) = (plan.clone(), dialect.clone(), transmission.clone());
     let (stage, name) = (stage.clone(), stage.name.clone());
-    std::thread::spawn(move || {
-        lower_priority(COMPUTATION_NICE);
-        let sent = DialectAndTransmission { dialect: &dialect, transmission: &transmission };
-        drop(answer.send(plan_and_prove_blocks(&plan, &stage, found.as_ref(), &stage_start, sent)));
+    let proven = spawn_computation(move || {
+        plan_and_prove_blocks(&plan, &dialect, &transmission, &stage, found.as_ref(), &stage_start)
     });
-    result.await.map_err(|_| RunError::ProofAborted { stage: name })?
+    proven.await.map_err(|_| RunError::ProofAborted { stage: name })?
 }
 
 /// The blocks of a stage, and the proof of their text for this control.
 fn plan_and_prove_blocks(
     plan: &Plan,
+    dialect: &Dialect,
+    transmission: &TransmissionForm,
     stage: &Stage,
     found_artefact: Option<&Artefact>,
     stage_start: &StageStart,
-    DialectAndTransmission { dialect, transmission }: DialectAndTransmission<'_>,
 ) -> Result<(Vec<StepBlocks<ProvenBlock>>, StageProof), RunError> {
     let tasks = plan_step_blocks(plan, stage, found_artefact, stage_start)?;
     let blocks: Vec<MotionBlock> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
     let (_, moves) = split_prompts(plan, &stage.steps)?;
-    let stages = [StageSteps { step_ids: moves, found_artefact }];
     let request = ProofRequest {
         plan,
-        stages: &stages,
+        stages: &[StageSteps { step_ids: moves, found_artefact }],
         start_position: stage_start.position.as_ref(),
         touched_directions: stage_start.confirmed_directions,
         dialect,
@@ -243,12 +227,12 @@ fn plan_and_prove_blocks(
         }
     })?;
     let mut proven = proven.into_iter();
-    let of_task =
-        |StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position }: StepBlocks<MotionBlock>| {
-            let blocks = proven.by_ref().take(blocks.len()).collect();
-            StepBlocks { step, blocks, time_to_stage_end_s: remaining_s, end_position }
-        };
-    Ok((tasks.into_iter().map(of_task).collect(), proof))
+    let with_proven_blocks = |task: StepBlocks<MotionBlock>| {
+        let StepBlocks { step, blocks, time_to_stage_end_s, end_position } = task;
+        let blocks = proven.by_ref().take(blocks.len()).collect();
+        StepBlocks { step, blocks, time_to_stage_end_s, end_position }
+    };
+    Ok((tasks.into_iter().map(with_proven_blocks).collect(), proof))
 }
 
 /// Splits a long path into parts, as a control holds a limited number of rows. The last part contains the touch

@@ -55,7 +55,7 @@ impl FromStr for ReadingFlag {
 #[error("unknown flag `{0}`; the flags are range, saturated, stale, gap and excluded, or nothing")]
 pub struct UnknownReadingFlag(pub String);
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// Id of the step.
     pub step: u32,
