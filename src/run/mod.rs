@@ -173,9 +173,8 @@ impl<'a> Run<'a> {
         // If the method refuses the plan, the run ends before the first motion.
         self.next_stage(&[])?;
         let planned = Plan { steps, ..self.plan.clone() };
-        for text in self.method.forecast(&planned, self.remaining_stages.total_machine_time_s())? {
-            self.record_event(RunEvent::OperatorMessage { text }).await?;
-        }
+        let forecast = self.method.forecast(&planned, self.remaining_stages.total_machine_time_s())?;
+        self.record_messages(forecast).await?;
         let position = self.prepare_devices().await?;
         self.run_stages(Vec::new(), Some(position)).await
     }
@@ -197,9 +196,7 @@ impl<'a> Run<'a> {
         self.devices.open_controller.read_tool_centre().await?;
         self.record_event(RunEvent::ControlPrepared { identity: prepared.identity.to_string() }).await?;
         self.record_event(RunEvent::OperatorMessage { text: prepared.stop_description }).await?;
-        if let Some(text) = describe_unreadable_items(&prepared.unreadable_items) {
-            self.record_event(RunEvent::OperatorMessage { text }).await?;
-        }
+        self.record_messages(describe_unreadable_items(&prepared.unreadable_items)).await?;
         self.temperature_log.start_polling(&self.devices.thermometers).await;
         self.confirmed_directions = TouchedDirections::default();
         self.transmission = prepared.transmission;
@@ -239,10 +236,7 @@ impl<'a> Run<'a> {
             let tally = sensor.sample_counters().await.unwrap_or_default();
             messages.extend((tally.received_count > 0).then(|| format!("{}: {tally}", sensor.name())));
         }
-        for text in messages {
-            self.record_event(RunEvent::OperatorMessage { text }).await?;
-        }
-        Ok(())
+        self.record_messages(messages).await
     }
 
     fn next_stage(&self, done: &[Stage]) -> Result<NextStage, RunError> {
@@ -261,7 +255,12 @@ impl<'a> Run<'a> {
             Ok(Ok(lines)) => lines,
             _ => vec!["the compensation values of the control are unknown: the control does not answer".to_owned()],
         };
-        for text in lines {
+        self.record_messages(lines).await
+    }
+
+    /// Journals and reports each message to the operator.
+    async fn record_messages(&mut self, texts: impl IntoIterator<Item = String>) -> Result<(), RunError> {
+        for text in texts {
             self.record_event(RunEvent::OperatorMessage { text }).await?;
         }
         Ok(())

@@ -107,9 +107,7 @@ impl Run<'_> {
             let kept = match equal_angles::axis_and_angles_per_revolution(scan) {
                 Some((axis, count)) => {
                     let turn = equal_angles::resample_turn(&placed.samples, axis, count);
-                    if let Some(text) = turn.gap_message(&step.label, sensor) {
-                        self.record_event(RunEvent::OperatorMessage { text }).await?;
-                    }
+                    self.record_messages(turn.gap_message(&step.label, sensor)).await?;
                     turn.samples_with_positions
                 }
                 None => placed.samples,

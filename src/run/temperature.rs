@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 use super::{Run, RunError};
 use crate::setup::Thermometers;
 use devices::sensors::thermometer::ThermometerPoller;
-use machine::record::event::RunEvent;
 use machine::record::reading::Temperatures;
 
 #[derive(Default)]
@@ -25,37 +24,36 @@ impl TemperatureLog {
         self.poller = Some(watch);
     }
 
-    /// Temperatures at a reading, and the name and the reason for each thermometer that misses a reading for the first
-    /// time in the run.
-    fn count_reading_and_get_temperatures(&mut self) -> (Temperatures, Vec<(String, String)>) {
+    /// Temperatures at a reading, and a message for each thermometer that misses a reading for the first time in the
+    /// run.
+    fn count_reading_and_get_temperatures(&mut self) -> (Temperatures, Vec<String>) {
         let Self { poller: watch, reading_count: readings, reading_counts_without_temperature: counts } = self;
         *readings += 1;
-        let (mut temperatures, mut not_replying) = (BTreeMap::new(), Vec::new());
+        let (mut temperatures, mut messages) = (BTreeMap::new(), Vec::new());
         for (name, said) in watch.iter().flat_map(ThermometerPoller::current_temperatures_c) {
             match said {
                 Ok(celsius) => drop(temperatures.insert(name.to_owned(), celsius)),
                 Err(why) => {
                     let count = counts.entry(name.to_owned()).or_default();
                     *count += 1;
-                    not_replying.extend((*count == 1).then(|| (name.to_owned(), why.to_string())));
+                    if *count == 1 {
+                        messages.push(format!(
+                            "thermometer {name} does not reply: {why}; readings have no temperature of {name} until \
+                            the thermometer replies again"
+                        ));
+                    }
                 }
             }
         }
-        (temperatures.into(), not_replying)
+        (temperatures.into(), messages)
     }
 }
 
 impl Run<'_> {
     /// Temperatures for the newest reading: a touch, or all samples of a scan.
     pub(super) async fn temperatures_c(&mut self) -> Result<Temperatures, RunError> {
-        let (temperatures, not_replying) = self.temperature_log.count_reading_and_get_temperatures();
-        for (name, why) in not_replying {
-            let text = format!(
-                "thermometer {name} does not reply: {why}; readings have no temperature of {name} until the \
-                thermometer replies again"
-            );
-            self.record_event(RunEvent::OperatorMessage { text }).await?;
-        }
+        let (temperatures, messages) = self.temperature_log.count_reading_and_get_temperatures();
+        self.record_messages(messages).await?;
         Ok(temperatures)
     }
 
@@ -63,12 +61,8 @@ impl Run<'_> {
     pub(super) async fn report_missing_temperatures(&mut self) -> Result<(), RunError> {
         let TemperatureLog { reading_count: readings, reading_counts_without_temperature: counts, .. } =
             &self.temperature_log;
-        let told = counts
-            .iter()
-            .map(|(name, count)| format!("thermometer {name}: {count} of {readings} readings have no temperature"));
-        for text in told.collect::<Vec<_>>() {
-            self.record_event(RunEvent::OperatorMessage { text }).await?;
-        }
-        Ok(())
+        let message = |(name, count)| format!("thermometer {name}: {count} of {readings} readings have no temperature");
+        let messages: Vec<String> = counts.iter().map(message).collect();
+        self.record_messages(messages).await
     }
 }
