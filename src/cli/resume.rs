@@ -11,7 +11,9 @@ use super::progress::ProgressDisplay;
 use super::run::{build_runtime, check_report_folder, open_devices, print_result_and_write_report};
 use super::signals::start_signal_halt_thread;
 use super::terminal::{enter_key_answer_source, prompt_line};
-use crate::run::{CycleError, ResumableRun, ResumeQuestion, ResumeRefusal, identify_stored_run, store_identification};
+use crate::run::{
+    CycleError, ResumableRun, ResumeQuestion, ResumeRefusal, identify_stored_run, resume_question, store_identification,
+};
 use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
 use machine::record::event::RunEvent;
 
@@ -26,12 +28,12 @@ pub fn resume_command(args: &ResumeArgs, state: Option<&Path>) -> Result<ExitSta
     let lock = MachineLock::acquire(&folder, &stored.summary.machine)?;
     journal.mark_running_runs_interrupted(&lock).wait()?;
     let again = ResumableRun::from_stored(journal.load_run(id)?)?;
-    check_same_machine_file(args, again.stored_run())?;
+    check_same_machine_file(args, &again.stored_run)?;
     let (who, acknowledged) = acknowledge_resume(args, &again)?;
     let links = DeviceLinks::from_options(args.output.capture.as_deref(), None)?;
     journal.add_event(id, &acknowledged).wait()?;
 
-    let name = again.stored_run().plan.method.clone();
+    let name = again.stored_run.plan.method.clone();
     let mut progress = ProgressDisplay::start(args.output.json);
     let answers = enter_key_answer_source(who, progress.line_printer());
     let mut tell = |event: &RunEvent| progress.show_event(event);
@@ -106,7 +108,7 @@ fn check_same_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), 
 fn acknowledge_resume(args: &ResumeArgs, resumable_run: &ResumableRun) -> Result<(String, RunEvent), CommandFailure> {
     let who = match &args.acknowledge {
         Some(name) => name.clone(),
-        None => prompt_for_operator_name(&resumable_run.resume_question())?,
+        None => prompt_for_operator_name(&resume_question(&resumable_run.stored_run))?,
     };
     // The question on the terminal includes the homing.
     let homed = args.homed || args.acknowledge.is_none();

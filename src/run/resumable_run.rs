@@ -18,8 +18,8 @@ use methods::Method;
 /// An unfinished run with the machine file and the method with which it was started.
 pub struct ResumableRun {
     pub machine_file: MachineFile,
+    pub stored_run: StoredRun,
     method: Arc<dyn Method>,
-    stored_run: StoredRun,
     /// Answered prompts as (step id, repeat number).
     answered_prompt_steps_and_repeats: Vec<(u32, u32)>,
     /// Mountings of the artefact that the answered prompts confirm.
@@ -57,28 +57,20 @@ impl ResumableRun {
     /// The run is not in a resumable state, or its machine file or settings belong to another program version.
     pub fn from_stored(stored: StoredRun) -> Result<Self, ResumeRefusal> {
         check_is_resumable(&stored)?;
-        let (machine, method) = setup_of_stored_run(&stored)?;
+        let (machine_file, method) = setup_of_stored_run(&stored)?;
         let since = stored.last_reading_stored_at.or(stored.summary.ended);
         let elapsed_s = since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64());
         let answered_prompts = answered_prompt_steps_and_repeats(&stored.events);
         let mount = |(id, _): &(u32, u32)| stored.plan.steps.iter().find(|s| s.id == *id)?.mount;
         let mountings = answered_prompts.iter().filter_map(mount).collect();
         Ok(Self {
-            machine_file: machine,
-            method,
+            machine_file,
             stored_run: stored,
+            method,
             answered_prompt_steps_and_repeats: answered_prompts,
             confirmed_mountings: mountings,
             time_since_last_reading_s: elapsed_s,
         })
-    }
-
-    pub fn stored_run(&self) -> &StoredRun {
-        &self.stored_run
-    }
-
-    pub fn resume_question(&self) -> ResumeQuestion {
-        resume_question(&self.stored_run)
     }
 
     /// Readings and mountings so far, from which a simulated machine continues.
@@ -93,7 +85,7 @@ impl ResumableRun {
     /// # Errors
     /// `who` is empty, or `is_homing_confirmed` is false although the control may have lost its position.
     pub fn acknowledgement_event(&self, who: &str, is_homing_confirmed: bool) -> Result<RunEvent, ResumeRefusal> {
-        let question = self.resume_question();
+        let question = resume_question(&self.stored_run);
         let who = who.trim().to_owned();
         match (who.is_empty(), question.may_have_lost_position && !is_homing_confirmed) {
             (true, _) => Err(ResumeRefusal::OperatorNameMissing(question)),
@@ -117,26 +109,17 @@ impl ResumableRun {
         answers: PromptAnswerSource,
         on_event: &mut dyn FnMut(&RunEvent),
     ) -> Result<(RunId, Estimate), CycleError> {
-        let Self {
-            machine_file: machine,
-            method,
-            stored_run: stored,
-            answered_prompt_steps_and_repeats: answered_prompts,
-            time_since_last_reading_s: elapsed_s,
-            ..
-        } = self;
-        let StoredRun { summary, plan, stages, readings, .. } = stored;
-        let run = Run::new(summary.id, method.as_ref(), devices, journal, plan, on_event);
+        let StoredRun { summary, plan, stages, readings, .. } = self.stored_run;
+        let run = Run::new(summary.id, self.method.as_ref(), devices, journal, plan, on_event);
         let mut run = run.with_prompt_answer_source(answers);
-        let ended = run
-            .resume(InterruptedRun {
-                started_stages: stages,
-                readings,
-                answered_prompt_steps_and_repeats: answered_prompts,
-                time_since_last_reading_s: elapsed_s,
-            })
-            .await;
-        let estimate = identify_judge_and_store(run, ended, &method, &machine.tolerances).await?;
+        let interrupted = InterruptedRun {
+            started_stages: stages,
+            readings,
+            answered_prompt_steps_and_repeats: self.answered_prompt_steps_and_repeats,
+            time_since_last_reading_s: self.time_since_last_reading_s,
+        };
+        let ended = run.resume(interrupted).await;
+        let estimate = identify_judge_and_store(run, ended, &self.method, &self.machine_file.tolerances).await?;
         Ok((summary.id, estimate))
     }
 }

@@ -47,13 +47,9 @@ impl Run<'_> {
     }
 
     async fn resume_measurement(&mut self, interrupted: InterruptedRun) -> Result<(), RunError> {
-        let InterruptedRun {
-            started_stages: stages,
-            readings,
-            answered_prompt_steps_and_repeats: answered_prompts,
-            time_since_last_reading_s: elapsed_s,
-        } = interrupted;
-        (self.readings, self.answered_prompt_steps_and_repeats) = (readings, answered_prompts);
+        let stages = interrupted.started_stages;
+        self.readings = interrupted.readings;
+        self.answered_prompt_steps_and_repeats = interrupted.answered_prompt_steps_and_repeats;
         // With several sensors, the sample stored last is not always the latest in time.
         let last_s = self.readings.iter().map(|reading| reading.t_s).max_by(f64::total_cmp);
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
@@ -72,10 +68,9 @@ impl Run<'_> {
         if self.plan.interruption_times_s.last() != Some(&gap_s) {
             self.plan.interruption_times_s.push(gap_s);
         }
-        self.timeline = Timeline::resumed_after(gap_s, elapsed_s);
+        self.timeline = Timeline::resumed_after(gap_s, interrupted.time_since_last_reading_s);
         let machine_position = if self.was_artefact_remounted() {
-            let text = "the artefact was remounted after the last reading: the references cannot be \
-                compared";
+            let text = "the artefact was remounted after the last reading: the references cannot be compared";
             self.record_event(RunEvent::OperatorMessage { text: text.to_owned() }).await?;
             Some(machine_position)
         } else {

@@ -81,8 +81,8 @@ impl MachineWorker {
         let (devices, capture) = self.open_devices_with_capture(opening).await?;
         let mut events = RunEventPublisher::new(&self.gate, &self.log, self.max_event_interval());
         let mut publish = |event: &RunEvent| events.publish_event(event);
-        capture.iter().for_each(|capture| capture.name_after_run(resumable_run.stored_run().summary.id));
-        let readings = resumable_run.stored_run().readings.iter();
+        capture.iter().for_each(|capture| capture.name_after_run(resumable_run.stored_run.summary.id));
+        let readings = resumable_run.stored_run.readings.iter();
         let stored_readings: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();
         self.gate.update_machine_state(|machine_state| {
             machine_state.measured_step_count = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 
 use super::{ActionRequest, interlocks_confirmed_by_person, not_confirmed_problem, truncate_reason};
 use crate::archive::run_story::resume_hint;
-use crate::run::{ResumableRun, ResumeQuestion, ResumeRefusal, can_resume};
+use crate::run::{ResumableRun, ResumeQuestion, ResumeRefusal, can_resume, resume_question};
 use crate::service::http::machine_status::MachineStatus;
 use crate::service::http::problem::Problem;
 use crate::service::worker_command::Inspection;
@@ -45,7 +45,7 @@ pub async fn resume_held_run(action: ActionRequest<ResumeRequest>) -> Result<Res
     if !(is_path_free && is_probe_undamaged) {
         return Err(not_confirmed_problem(&format!(
             "the run can resume ({})",
-            resumable_run.resume_question().question_text
+            resume_question(&resumable_run.stored_run).question_text
         )));
     }
     resumable_run.acknowledgement_event(&who, homed)?;
