@@ -59,10 +59,7 @@ pub enum RunError {
     ReferencesIncompleteBeforeStop,
     #[error("not all references could be measured again after the stop: {reference_labels}")]
     ReferencesNotRemeasured { reference_labels: String },
-    #[error(
-        "the references have shifted since the stop: {}; {}",
-        describe_shifts(shifts), scatter.describe()
-    )]
+    #[error("the references have shifted since the stop: {}; {}", describe_shifts(shifts), scatter.describe())]
     ReferencesShifted { shifts: Vec<ReferenceShift>, scatter: TouchScatter },
     #[error(transparent)]
     UnfinishedCompensation(UnfinishedCompensation),
@@ -73,8 +70,7 @@ pub enum RunError {
 const PROBE_INPUT_REMEDY: &str = "make sure that the probe input of the control reads open while a sensor is in the spindle. \
     If the machine was in motion, first check whether the sensor has touched a body. Check that \
     the removed probe is not deflected, and that its receiver does not report an error without \
-    a probe. If the input is open only with a closed probe circuit, plug in a connector that \
-    closes the circuit";
+    a probe. If the input is open only with a closed probe circuit, plug in a connector that closes the circuit";
 
 const UNEXPECTED_DISTANCE_REMEDY: &str = "retract by hand along the approach path; then check that the position of the \
     machine agrees with the display of the control, that the artefact is at its position in the machine \
@@ -83,65 +79,52 @@ const UNEXPECTED_DISTANCE_REMEDY: &str = "retract by hand along the approach pat
 impl RunError {
     /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
-        match self {
-            RunError::MethodRefused(refused) => refused.remedy.clone(),
-            Self::Planning(error) => error.remedy(),
-            RunError::CollisionCheckRefused { source, .. } => source.remedy().to_owned(),
-            Self::ProofAborted { .. } => "report this fault to the developers and attach the plan".to_owned(),
-            RunError::ProgramNotWritable { source, .. } => source.remedy(),
-            Self::Controller(error) => error.remedy(),
-            Self::AtStep { source, .. } => source.remedy(),
-            RunError::ProbeInputFaultWithSensor { .. } => PROBE_INPUT_REMEDY.to_owned(),
+        let remedy = match self {
+            Self::MethodRefused(refused) => return refused.remedy.clone(),
+            Self::Planning(error) => return error.remedy(),
+            Self::CollisionCheckRefused { source, .. } => source.remedy(),
+            Self::ProofAborted { .. } => "report this fault to the developers and attach the plan",
+            Self::ProgramNotWritable { source, .. } => return source.remedy(),
+            Self::Controller(error) => return error.remedy(),
+            Self::AtStep { source, .. } => return source.remedy(),
+            Self::ProbeInputFaultWithSensor { .. } => PROBE_INPUT_REMEDY,
             Self::NoOperator { .. } => {
-                "start or resume the run from the page of `trued serve`, or from a terminal with an \
-                operator"
-                    .to_owned()
+                "start or resume the run from the page of `trued serve`, or from a terminal with an operator"
             }
             Self::StylusTimeout { .. } => {
                 "deflect the stylus and watch the probe input at the control; check that the probe is \
                 switched on, its battery charged and its cable undamaged"
-                    .to_owned()
             }
             Self::NoFirstContact { .. } => {
                 "the probe may not work: before the next motion, deflect the stylus and watch the probe \
                 input at the control. If the input changes, check that the part is at its position in the \
                 machine file ([artefact] centre_mm, radius_mm)"
-                    .to_owned()
             }
-            Self::Sensor { source, .. } => source.remedy(),
-            Self::NoValidSample { flag, .. } => flag_remedy(*flag).to_owned(),
-            Self::UnexpectedBodyInRange { .. } => UNEXPECTED_DISTANCE_REMEDY.to_owned(),
-            RunError::NoTimeStampedPositions { .. } => {
+            Self::Sensor { source, .. } => return source.remedy(),
+            Self::NoValidSample { flag, .. } => flag_remedy(*flag),
+            Self::UnexpectedBodyInRange { .. } => UNEXPECTED_DISTANCE_REMEDY,
+            Self::NoTimeStampedPositions { .. } => {
                 "use dwell points (sampling = \"dwell\"); or, on LinuxCNC, add the sampler to the machine \
                 file ([controller.sampler]); or, for one revolution of a rotary axis, use sensors that send \
                 the count of the axis encoder ([encoder])"
-                    .to_owned()
             }
-            Self::EncoderFault { source, .. } => source.remedy(),
-            RunError::ScanInMotionFailed { .. } => {
-                "`trued resume` measures the step again; if the fault repeats, use dwell points (sampling = \
-                \"dwell\")"
-                    .to_owned()
+            Self::EncoderFault { source, .. } => return source.remedy(),
+            Self::ScanInMotionFailed { .. } => {
+                "`trued resume` measures the step again; if the fault repeats, use dwell points (sampling = \"dwell\")"
             }
-            Self::NoContactPosition { .. } => {
-                "report this fault to the developers and attach the export of the run".to_owned()
+            Self::NoContactPosition { .. } => "report this fault to the developers and attach the export of the run",
+            Self::UnfinishedCompensation(unfinished) => return unfinished.remedy(),
+            Self::Store(error) => error.remedy(),
+            Self::ReferencesNotRemeasured { .. } => {
+                "find out why the sensor has no valid value at these positions, then run `trued resume` again"
             }
-            Self::UnfinishedCompensation(unfinished) => unfinished.remedy(),
-            Self::Store(error) => error.remedy().to_owned(),
-            RunError::ReferencesNotRemeasured { .. } => {
-                "find out why the sensor has no valid value at these positions, then run `trued resume` \
-                again"
-                    .to_owned()
-            }
-            RunError::ReferencesIncompleteBeforeStop => {
-                "the run is closed, its readings are stored; start a new run".to_owned()
-            }
+            Self::ReferencesIncompleteBeforeStop => "the run is closed, its readings are stored; start a new run",
             Self::ReferencesShifted { .. } => {
                 "the run is closed, its readings are stored (`trued identify` with --run evaluates them). \
                 Start a new run; after a long stop, thermal drift may be the cause"
-                    .to_owned()
             }
-        }
+        };
+        remedy.to_owned()
     }
 
     /// Replaces `NoContact` by `NoFirstContact`, because no touch has confirmed yet that the probe works.
@@ -169,20 +152,18 @@ impl RunError {
     /// Adds the label of the step to an error that names the step by its number: the label tells the operator
     /// which feature was touched, and from which side.
     pub(super) fn with_step_label(self, step: &Step) -> Self {
-        match &self {
-            Self::Controller(error) if error.failed_step() == Some(step.id) => {
-                Self::AtStep { label: step.label.clone(), source: Box::new(self) }
-            }
+        let failed_step = match &self {
+            Self::Controller(error) => error.failed_step(),
             Self::NoContactPosition { step: id }
             | Self::NoValidSample { step: id, .. }
             | Self::UnexpectedBodyInRange { step: id, .. }
-            | RunError::ScanInMotionFailed { step: id, .. }
-            | Self::EncoderFault { step: id, .. }
-                if *id == step.id =>
-            {
-                Self::AtStep { label: step.label.clone(), source: Box::new(self) }
-            }
-            _ => self,
+            | Self::ScanInMotionFailed { step: id, .. }
+            | Self::EncoderFault { step: id, .. } => Some(*id),
+            _ => None,
+        };
+        match failed_step == Some(step.id) {
+            true => Self::AtStep { label: step.label.clone(), source: Box::new(self) },
+            false => self,
         }
     }
 
@@ -227,8 +208,7 @@ fn flag_remedy(flag: ReadingFlag) -> &'static str {
     match flag {
         ReadingFlag::Stale => "the sensor sends no more data: check its cable, its power supply and its link",
         ReadingFlag::Saturated => {
-            "the sensor receives too much light: reduce its exposure or laser power, or use a less \
-            reflective sphere"
+            "the sensor receives too much light: reduce its exposure or laser power, or use a less reflective sphere"
         }
         _ => {
             "check that the artefact is at its position in the machine file, that its surface is clean, and \
