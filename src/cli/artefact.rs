@@ -7,7 +7,6 @@ use jiff::Zoned;
 use jiff::civil::Date;
 use serde_json::json;
 
-use super::ExitStatus;
 use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::show::print_json;
@@ -53,7 +52,7 @@ fn parse_date(text: &str) -> Result<Date, String> {
     Date::strptime("%Y-%m-%d", text).map_err(|_| "the value is not a date of the form YYYY-MM-DD".to_owned())
 }
 
-pub fn artefact_command(args: &ArtefactArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn artefact_command(args: &ArtefactArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let register = ArtefactRegister::in_folder(&state_folder(state)?);
     let today = Zoned::now().date();
     match &args.command {
@@ -76,7 +75,7 @@ pub fn artefact_command(args: &ArtefactArgs, state: Option<&Path>) -> Result<Exi
             errln!("the artefact {name} is removed; state its certificate in [report] of the machine file");
         }
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 fn list_entry(artefact: &RegisteredArtefact, today: Date) -> serde_json::Value {

@@ -40,7 +40,11 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     let operator = operator.as_mut();
     let check = MachineCheck::new(&machine, &reopenable_machine, pace, &journal, operator, stop, &mut on_finding);
     let summary = build_runtime()?.block_on(check.run_all_parts());
-    print_summary(&summary, args.json)?;
+    if args.json {
+        show::print_json(&summary)?;
+    } else {
+        outln!("\nSummary for a support request:\n\n{summary}");
+    }
     Ok(exit_status(&summary))
 }
 
@@ -54,14 +58,6 @@ fn select_operator(reopenable_machine: &ReopenableMachine<'_>, stop: &CheckStop)
             Box::new(NoOperator)
         }
     }
-}
-
-fn print_summary(summary: &CheckSummary, json: bool) -> Result<(), CommandFailure> {
-    if json {
-        return show::print_json(summary);
-    }
-    outln!("\nSummary for a support request:\n\n{summary}");
-    Ok(())
 }
 
 fn exit_status(summary: &CheckSummary) -> ExitStatus {

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::result_args::CompareArgs;
-use super::{ExitStatus, show};
+use super::show;
 use crate::archive::compare::{CompareError, RunComparison, compare_runs};
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol};
 use crate::store::{Journal, RunId};
@@ -18,14 +18,14 @@ impl From<CompareError> for CommandFailure {
     }
 }
 
-pub fn compare_stored_runs(args: &CompareArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn compare_stored_runs(args: &CompareArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let comparison = compare_runs(&journal, RunId(args.first), RunId(args.second))?;
     match args.json {
         true => show::print_json(&comparison)?,
         false => print_comparison(&comparison),
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 fn print_comparison(comparison: &RunComparison) {

@@ -94,8 +94,7 @@ impl DaemonClient {
             _ => {
                 return Err(CommandFailure::new(
                     "the daemon reports that the cycle has failed",
-                    "read the reason \
-                in the log of the daemon",
+                    "read the reason in the log of the daemon",
                 ));
             }
         }
@@ -155,8 +154,7 @@ impl DaemonClient {
         let file = file.unwrap_or_else(|| "the built-in machine file".to_owned());
         Err(CommandFailure::new(
             format!(
-                "the machine file {file} differs from the machine file that the running daemon has read \
-                at its start"
+                "the machine file {file} differs from the machine file that the running daemon has read at its start"
             ),
             "Use the machine file of the daemon. If this file was changed, restart the daemon",
         ))
@@ -202,10 +200,7 @@ fn parse_response(answered: Result<ureq::http::Response<ureq::Body>, ureq::Error
         (false, _) => Ok(said),
         (true, "no-token") => Err(CommandFailure::new(
             word("message"),
-            format!(
-                "set the environment variable {TOKEN_VARIABLE} to a valid \
-                token"
-            ),
+            format!("set the environment variable {TOKEN_VARIABLE} to a valid token"),
         )),
         (true, _) => {
             Err(CommandFailure::new(format!("the daemon refuses the request: {}", word("message")), word("remedy")))

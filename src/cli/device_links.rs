@@ -17,7 +17,11 @@ pub struct DeviceLinks<'a> {
 impl<'a> DeviceLinks<'a> {
     pub fn from_options(capture_file: Option<&'a Path>, replayed: Option<&Path>) -> Result<Self, CommandFailure> {
         let (wiring, replay_folder) = match (capture_file, replayed) {
-            (Some(file), _) => (LinkMode::Captured(create_capture(file)?), None),
+            (Some(file), _) => {
+                let capture = CaptureWriter::create(file)
+                    .map_err(|error| CommandFailure::from_new_file_error(file, &error, "capture"))?;
+                (LinkMode::Captured(capture), None)
+            }
             (None, Some(file)) => {
                 let replay = CaptureReplay::read(file).map_err(|error| {
                     CommandFailure::new(error, "use a file that `trued run --capture FILE` has written")
@@ -77,16 +81,6 @@ fn replay_failure(failure: CommandFailure) -> CommandFailure {
         "use the machine file, the method and the program version of the captured run; a replay cannot \
         continue after the end of that run",
     )
-}
-
-fn create_capture(file: &Path) -> Result<CaptureWriter, CommandFailure> {
-    CaptureWriter::create(file).map_err(|error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => CommandFailure::new(
-            format!("the file {} exists already", file.display()),
-            "a capture is never overwritten: choose another name, or move the existing file",
-        ),
-        _ => CommandFailure::from_file_error(file, &error),
-    })
 }
 
 struct TemporaryFolder(PathBuf);

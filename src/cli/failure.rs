@@ -1,5 +1,6 @@
 //! Errors of commands: what happened, the remedy, and the exit code. Inner layers do not depend on this module.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use super::ExitStatus;
@@ -33,6 +34,17 @@ impl CommandFailure {
     /// The error of a file that cannot be read or written.
     pub fn from_file_error(path: &Path, error: &std::io::Error) -> Self {
         Self::without_remedy(format!("{}: {error}", path.display()))
+    }
+
+    /// The error of a new file of this `kind` that cannot be written. An existing file is not overwritten.
+    pub fn from_new_file_error(path: &Path, error: &std::io::Error, kind: &str) -> Self {
+        match error.kind() {
+            ErrorKind::AlreadyExists => Self::new(
+                format!("the file {} exists already", path.display()),
+                format!("a {kind} is never overwritten: choose another name, or move the existing file"),
+            ),
+            _ => Self::from_file_error(path, error),
+        }
     }
 }
 

@@ -3,7 +3,6 @@
 use clap::CommandFactory as _;
 use clap_complete::{Shell, generate_to};
 
-use super::ExitStatus;
 use super::args::{Cli, GenerateArgs};
 use super::failure::CommandFailure;
 
@@ -11,7 +10,7 @@ use super::failure::CommandFailure;
 const SHELLS: [Shell; 3] = [Shell::Bash, Shell::Zsh, Shell::Fish];
 
 /// Writes the completions of the shells, and one man page for the program and one for each command.
-pub fn generate_command(args: &GenerateArgs) -> Result<ExitStatus, CommandFailure> {
+pub fn generate_command(args: &GenerateArgs) -> Result<(), CommandFailure> {
     let folder = &args.folder;
     let file_error = |error: std::io::Error| CommandFailure::from_file_error(folder, &error);
     std::fs::create_dir_all(folder).map_err(file_error)?;
@@ -19,5 +18,5 @@ pub fn generate_command(args: &GenerateArgs) -> Result<ExitStatus, CommandFailur
         generate_to(shell, &mut Cli::command(), "trued", folder).map_err(file_error)?;
     }
     clap_mangen::generate_to(Cli::command(), folder).map_err(file_error)?;
-    Ok(ExitStatus::Pass)
+    Ok(())
 }

@@ -1,19 +1,18 @@
 //! `trued init`: writes a commented machine file from the data that the control reports.
 
-use std::fs::OpenOptions;
+use std::fs::File;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use super::ExitStatus;
 use super::args::InitArgs;
 use super::failure::CommandFailure;
 use super::run::build_runtime;
 use crate::setup::{MachineFileDraft, SetupError};
 use devices::controllers::{ControllerConfig, DeviceInfo, DiagnosisMode};
 
-pub fn init_command(args: &InitArgs) -> Result<ExitStatus, CommandFailure> {
+pub fn init_command(args: &InitArgs) -> Result<(), CommandFailure> {
     if let Some(file) = args.to.as_deref().filter(|file| file.exists()) {
-        return Err(file_exists_error(file));
+        return Err(new_machine_file_error(file, &ErrorKind::AlreadyExists.into()));
     }
     let draft = MachineFileDraft {
         controller_keys: controller_table(args, absolute_ini_path(args.ini.as_deref())?),
@@ -30,7 +29,7 @@ pub fn init_command(args: &InitArgs) -> Result<ExitStatus, CommandFailure> {
     for remark in &info.findings {
         errln!("{}\n  → {}", remark.description, remark.remedy);
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 /// Absolute path of LinuxCNC's INI file, as the machine file may be read from another folder.
@@ -87,22 +86,16 @@ async fn query_device_info(
 }
 
 fn write_new_machine_file(file: &Path, text: &str) -> Result<(), CommandFailure> {
-    let created = OpenOptions::new().write(true).create_new(true).open(file);
+    let created = File::create_new(file);
     let written = created.and_then(|mut created| created.write_all(text.as_bytes()));
-    written.map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => file_exists_error(file),
-        _ => CommandFailure::from_file_error(file, &error),
-    })?;
+    written.map_err(|error| new_machine_file_error(file, &error))?;
     errln!("written: {}. Correct the values that are marked YOURS, then run:", file.display());
     errln!("  trued check --machine {}", file.display());
     Ok(())
 }
 
-fn file_exists_error(file: &Path) -> CommandFailure {
-    CommandFailure::new(
-        format!("the file {} exists already", file.display()),
-        "a machine file is never overwritten: choose another name, or move the existing file",
-    )
+fn new_machine_file_error(file: &Path, error: &std::io::Error) -> CommandFailure {
+    CommandFailure::from_new_file_error(file, error, "machine file")
 }
 
 #[cfg(test)]

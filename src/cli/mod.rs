@@ -111,15 +111,16 @@ fn print_to_stderr(text: std::fmt::Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
+/// Runs the command. A command without an exit status of its own has passed if it ends without an error.
 fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
     let state = cli.state.as_deref();
-    match cli.command {
-        Command::Run(args) => run::measurement_run_command(&args, state),
-        Command::Check(args) => check::commissioning_check_command(&args, state),
-        Command::Serve(args) => serve::serve_command(&args, state),
-        Command::Resume(args) => resume::resume_command(&args, state),
+    let ended = match cli.command {
+        Command::Run(args) => return run::measurement_run_command(&args, state),
+        Command::Check(args) => return check::commissioning_check_command(&args, state),
+        Command::Serve(args) => return serve::serve_command(&args, state),
+        Command::Resume(args) => return resume::resume_command(&args, state),
         Command::Plan(args) => plan::plan_command(&args, state),
-        Command::Identify(args) => identify::identify_command(&args, state),
+        Command::Identify(args) => return identify::identify_command(&args, state),
         Command::Init(args) => init::init_command(&args),
         Command::Simulate(args) => simulate::simulate_command(&args),
         Command::Watch(args) => watch::watch_command(&args),
@@ -129,8 +130,8 @@ fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
         Command::Arm(args) => schedule::arm_command(&args, state),
         Command::Disarm(args) => schedule::disarm_command(&args, state),
         Command::Compare(args) => compare::compare_stored_runs(&args, state),
-        Command::Combine(args) => combine::combine_command(&args, state),
-        Command::Compensate(args) => compensate::compensate_command(&args, state),
+        Command::Combine(args) => return combine::combine_command(&args, state),
+        Command::Compensate(args) => return compensate::compensate_command(&args, state),
         Command::Repeatability(args) => repeatability::repeatability_command(&args, state),
         Command::Show(args) => runs::show_run(&args, state),
         Command::Predict(args) => predict::predict_command(&args),
@@ -139,7 +140,8 @@ fn dispatch_command(cli: Cli) -> Result<ExitStatus, CommandFailure> {
         Command::Artefact(args) => artefact::artefact_command(&args, state),
         Command::Token(args) => token::token_command(&args, state),
         Command::Generate(args) => generate::generate_command(&args),
-    }
+    };
+    ended.map(|()| ExitStatus::Pass)
 }
 
 /// Prints to standard output. A closed pipe is no error; any other failed write ends the program.

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use super::ExitStatus;
 use super::args::PlanArgs;
 use super::artefact::complete_report_data;
 use super::failure::CommandFailure;
@@ -16,7 +15,7 @@ use planning::gcode::{Dialect, HeadAndFootValues};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{MachineTime, TouchedDirections};
 
-pub fn plan_command(args: &PlanArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn plan_command(args: &PlanArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (method, mut plan_without_steps) =
         setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
@@ -52,13 +51,10 @@ pub fn plan_command(args: &PlanArgs, state: Option<&Path>) -> Result<ExitStatus,
         }
         if !plan.assumed.is_empty() {
             let keys = plan.assumed.join(", ");
-            outln!(
-                "keys that are missing in the machine file, with assumed values (docs/uncertainty.md): \
-                {keys}"
-            );
+            outln!("keys that are missing in the machine file, with assumed values (docs/uncertainty.md): {keys}");
         }
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 /// The whole program, each step once, and its proof. The start position of the machine is unknown.

@@ -85,7 +85,7 @@ impl ProgressDisplay {
                 self.bar.inc(1);
             }
             // The command prints the reason and the remedy at its end.
-            RunEvent::Held { .. } | RunEvent::Faulted { .. } | RunEvent::Finished => self.clear_bar(),
+            RunEvent::Held { .. } | RunEvent::Faulted { .. } | RunEvent::Finished => self.bar.finish_and_clear(),
             // The last event occurs long after the run.
             RunEvent::ToolCentreRead { .. } | RunEvent::SamplesRemoved { .. } => {}
         }
@@ -102,10 +102,6 @@ impl ProgressDisplay {
 
     fn print_line(&self, text: &str) {
         self.line_printer()(text);
-    }
-
-    fn clear_bar(&self) {
-        self.bar.finish_and_clear();
     }
 }
 

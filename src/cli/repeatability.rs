@@ -5,7 +5,7 @@ use std::path::Path;
 use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::result_args::RepeatabilityArgs;
-use super::{ExitStatus, show};
+use super::show;
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol};
 use crate::run::{RepeatabilityError, RepeatabilityTable, RepetitionKind, repeatability_of_runs};
 use crate::store::{Journal, RunId};
@@ -20,7 +20,7 @@ impl From<RepeatabilityError> for CommandFailure {
     }
 }
 
-pub fn repeatability_command(args: &RepeatabilityArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn repeatability_command(args: &RepeatabilityArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let runs: Vec<RunId> = args.runs.iter().map(|run| RunId(*run)).collect();
     let table = repeatability_of_runs(&journal, &runs)?;
@@ -28,7 +28,7 @@ pub fn repeatability_command(args: &RepeatabilityArgs, state: Option<&Path>) -> 
         true => show::print_json(&table)?,
         false => print_repeatability(&table),
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 pub fn print_repeatability(table: &RepeatabilityTable) {

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::failure::CommandFailure;
 use super::files::{read_estimate, state_folder};
 use super::result_args::{ExportArgs, ExportFrame, RunsArgs, ShowArgs};
-use super::{ExitStatus, add_state_option, show};
+use super::{add_state_option, show};
 use crate::archive::run_files;
 use crate::archive::run_story::{self, describe_events_with_times, describe_run_end};
 use crate::report::result_row::verdict_word;
@@ -17,14 +17,13 @@ use machine::record::plan::Plan;
 use machine::record::reading::{Reading, ReadingFlag};
 use methods::prediction::WorkpieceTransform;
 
-pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
     let mut runs = journal.runs()?;
     runs.iter_mut().for_each(|run| run.state = current_run_state(run, &folder));
     if args.json {
-        show::print_json(&runs)?;
-        return Ok(ExitStatus::Pass);
+        return show::print_json(&runs);
     }
     errln!("state folder: {}", folder.display());
     if runs.is_empty() {
@@ -53,7 +52,7 @@ pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Co
             outln!("       {}", add_state_option(&next_action, state));
         }
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 /// Present state of a run. A run in state `running` is interrupted if no process holds the lock of its machine. The
@@ -66,7 +65,7 @@ fn current_run_state(run: &RunSummary, folder: &Path) -> RunState {
     }
 }
 
-pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
     let run = RunId(args.run);
@@ -78,8 +77,7 @@ pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<ExitStatus, Com
     }
     let last = stored.estimates.last().map(|stored| &stored.estimate);
     if args.json {
-        show::print_json(&last)?;
-        return Ok(ExitStatus::Pass);
+        return show::print_json(&last);
     }
     outln!(
         "run {run}: {} on {}, started {:.0}, {}, {} readings",
@@ -102,7 +100,7 @@ pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<ExitStatus, Com
             outln!("no estimate: {}", add_state_option(&advice, state));
         }
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 /// Next action that is possible for the run.
@@ -123,7 +121,7 @@ fn print_events_and_next_action(stored: &StoredRun, state: Option<&Path>) {
     }
 }
 
-pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let run = RunId(args.run);
     let stored = journal.load_run(run)?;
@@ -134,7 +132,8 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
         outln!("{}", file.display());
         Ok::<(), CommandFailure>(())
     };
-    write(format!("run-{run}-plan.json"), to_pretty_json(&stored.plan)?.as_bytes())?;
+    let plan = serde_json::to_vec_pretty(&stored.plan).map_err(CommandFailure::without_remedy)?;
+    write(format!("run-{run}-plan.json"), &plan)?;
     let csv = run_files::readings_file(&stored).map_err(CommandFailure::without_remedy)?;
     write(run_files::readings_file_name(run), &csv)?;
     write(format!("run-{run}-machine.toml"), stored.machine_file_text.as_bytes())?;
@@ -150,7 +149,7 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
         write(run_files::results_file_name(run), &results)?;
         show::write_report(&journal, run, &args.to.join(format!("run-{run}-report.html")))?;
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 /// Readings in the workpiece frame: for a touch the centre of the stylus ball; mm, with standard uncertainties.
@@ -172,8 +171,4 @@ fn readings_in_workpiece_frame_csv(
         lines.push(format!("{step},{label},{repeat},{sensor},{}", numbers.join(",")));
     }
     Ok(lines.join("\n") + "\n")
-}
-
-fn to_pretty_json(value: &impl serde::Serialize) -> Result<String, CommandFailure> {
-    serde_json::to_string_pretty(value).map_err(CommandFailure::without_remedy)
 }

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::daemon_args::{ArmArgs, DisarmArgs, ScheduleArgs};
 use super::failure::CommandFailure;
 use super::files::state_folder;
-use super::{ExitStatus, show};
+use super::show;
 use crate::service::DaemonFile;
 use crate::service::machine_state::PlannedSchedule;
 use crate::service::schedule::planned_schedules;
@@ -28,7 +28,7 @@ struct ScheduleReport {
     last: Vec<ScheduleSlot>,
 }
 
-pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let file = match (&args.config, &args.machine) {
         (Some(config), _) => Some(DaemonFile::read(config)),
@@ -50,7 +50,7 @@ pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exi
         true => show::print_json(&reports)?,
         false => reports.iter().for_each(print_schedule),
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<PlannedSchedule>)> {
@@ -71,9 +71,7 @@ fn print_schedule(report: &ScheduleReport) {
     for Arming { cycle, who, until, ended, broken_by_run: broken, .. } in armed {
         match (ended, broken) {
             (Some((when, why)), _) => outln!("  cycle {cycle} was disarmed at {when}: {why}"),
-            (None, Some(run)) => {
-                outln!("  cycle {cycle} is not armed: run {run} was not completed")
-            }
+            (None, Some(run)) => outln!("  cycle {cycle} is not armed: run {run} was not completed"),
             (None, None) => outln!("  cycle {cycle} is armed by {who} until {until}"),
         }
     }
@@ -83,7 +81,7 @@ fn print_schedule(report: &ScheduleReport) {
     }
 }
 
-pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let ArmArgs { machine, cycle, who, until, why } = args;
     check_machine_known(&journal, machine)?;
@@ -93,16 +91,16 @@ pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, C
     })?;
     journal.arm_cycle(&arming).wait()?;
     outln!("the schedule may start cycle {cycle} of {machine} until {}", arming.until);
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
-pub fn disarm_command(args: &DisarmArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn disarm_command(args: &DisarmArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let DisarmArgs { machine, cycle, who, why } = args;
     check_machine_known(&journal, machine)?;
     let ended = journal.disarm_cycles(machine, *cycle, require_operator_name(who)?, why).wait()?;
     outln!("{ended} armed cycles of {machine} were disarmed");
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 fn require_operator_name(who: &str) -> Result<&str, CommandFailure> {
@@ -117,10 +115,7 @@ fn check_machine_known(journal: &Journal, machine: &str) -> Result<(), CommandFa
     if all.iter().any(|known| known == machine) {
         return Ok(());
     }
-    let remedy = format!(
-        "the journal contains: {}. A new machine is added when `trued serve` starts with \
-        it",
-        all.join(", ")
-    );
+    let remedy =
+        format!("the journal contains: {}. A new machine is added when `trued serve` starts with it", all.join(", "));
     Err(CommandFailure::new(format!("the journal contains no machine `{machine}`"), remedy))
 }

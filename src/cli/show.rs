@@ -22,8 +22,7 @@ pub fn print_estimate(estimate: &Estimate) {
     print_result_table(&rows);
     if let Some(trials) = estimate.trials {
         outln!(
-            "[a to b]: shortest coverage interval from {trials} Monte Carlo trials, with the same coverage \
-            probability"
+            "[a to b]: shortest coverage interval from {trials} Monte Carlo trials, with the same coverage probability"
         );
     }
     outln!(
@@ -39,14 +38,9 @@ pub fn print_estimate(estimate: &Estimate) {
     if let Some(weakest) = &estimate.weakest {
         outln!("weakest combination of parameters: {}", with_one_line_symbols(weakest));
     }
-    for line in &estimate.gauge {
-        outln!("convention: {}", with_one_line_symbols(line));
-    }
-    for line in &estimate.not_identifiable {
-        outln!("not identifiable: {}", with_one_line_symbols(line));
-    }
-    for line in &estimate.warnings {
-        outln!("warning: {}", with_one_line_symbols(line));
+    let Estimate { gauge, not_identifiable, warnings, .. } = estimate;
+    for (title, lines) in [("convention", gauge), ("not identifiable", not_identifiable), ("warning", warnings)] {
+        lines.iter().for_each(|line| outln!("{title}: {}", with_one_line_symbols(line)));
     }
     print_verdict(estimate.verdict, &rows);
 }

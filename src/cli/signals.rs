@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::mpsc::{Sender, channel};
 
-use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::signal::unix::{SignalKind, signal};
 
 use super::failure::CommandFailure;
 use devices::controllers::HaltHandle;
@@ -35,17 +35,13 @@ async fn halt_on_signals(halt: &HaltHandle, ready: &Sender<io::Result<()>>) -> i
     // Sent when the terminal is closed.
     let mut hang_up = signal(SignalKind::hangup())?;
     let _ = ready.send(Ok(()));
-    while wait_for_any_signal(&mut interrupt, &mut terminate, &mut hang_up).await.is_some() {
+    // `recv` is cancel safe: no signal is lost.
+    while let Some(()) = tokio::select! {
+        received = interrupt.recv() => received,
+        received = terminate.recv() => received,
+        received = hang_up.recv() => received,
+    } {
         halt.trigger();
     }
     Ok(())
-}
-
-async fn wait_for_any_signal(first: &mut Signal, second: &mut Signal, third: &mut Signal) -> Option<()> {
-    // `recv` is cancel safe: no signal is lost.
-    tokio::select! {
-        received = first.recv() => received,
-        received = second.recv() => received,
-        received = third.recv() => received,
-    }
 }

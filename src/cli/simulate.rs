@@ -3,7 +3,6 @@
 use std::io::IsTerminal as _;
 use std::time::Duration;
 
-use super::ExitStatus;
 use super::args::SimulateMachineArgs;
 use super::failure::CommandFailure;
 use super::run::build_runtime;
@@ -13,7 +12,7 @@ use machine::record::question::{OperatorQuestion, StylusState};
 use simulator::SimulatedOperator;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 
-pub fn simulate_command(args: &SimulateMachineArgs) -> Result<ExitStatus, CommandFailure> {
+pub fn simulate_command(args: &SimulateMachineArgs) -> Result<(), CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (_, plan_without_steps) = setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;
     let pace = args.speed.into();
@@ -46,8 +45,7 @@ pub fn simulate_command(args: &SimulateMachineArgs) -> Result<ExitStatus, Comman
         let ended = tokio::signal::ctrl_c().await;
         drop(simulator);
         ended.map_err(CommandFailure::without_remedy)
-    })?;
-    Ok(ExitStatus::Pass)
+    })
 }
 
 /// Lets the person at this terminal deflect the simulated stylus.

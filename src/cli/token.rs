@@ -4,21 +4,19 @@ use std::path::Path;
 
 use jiff::tz::TimeZone;
 
-use super::ExitStatus;
 use super::daemon_args::{TokenArgs, TokenCommand};
 use super::failure::CommandFailure;
 use super::files::state_folder;
 use super::show::print_json;
 use crate::service::TokenStore;
 
-pub fn token_command(args: &TokenArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn token_command(args: &TokenArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let tokens = TokenStore::in_folder(&state_folder(state)?);
     match &args.command {
         TokenCommand::Add { name, role } => {
             outln!("{}", tokens.add(name, *role)?);
             errln!(
-                "Store this token safely: it cannot be printed again. To withdraw it, run `trued token \
-                revoke {name}`."
+                "Store this token safely: it cannot be printed again. To withdraw it, run `trued token revoke {name}`."
             );
         }
         TokenCommand::List { json } => list_tokens(&tokens, *json)?,
@@ -27,7 +25,7 @@ pub fn token_command(args: &TokenArgs, state: Option<&Path>) -> Result<ExitStatu
             errln!("the token {name} is revoked");
         }
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 fn list_tokens(tokens: &TokenStore, json: bool) -> Result<(), CommandFailure> {

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::args::TrendArgs;
 use super::failure::CommandFailure;
 use super::files::state_folder;
-use super::{ExitStatus, show};
+use super::show;
 use crate::archive::history::{ParameterSeries, describe_changes, machine_history};
 use crate::report::number::{decimals_for_uncertainty, format_fixed, one_line_symbol, with_one_line_symbols};
 use crate::report::result_row::format_plus_minus_limit;
@@ -13,26 +13,25 @@ use crate::setup::MachineFile;
 use crate::store::{CompensationEvent, Journal};
 use machine::record::estimate::ParameterTolerance;
 
-pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
+pub fn trend_command(args: &TrendArgs, state: Option<&Path>) -> Result<(), CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let last = || Ok::<_, CommandFailure>(journal.runs()?.pop().map(|run| run.machine));
     let Some(machine) = args.machine.clone().map_or_else(last, |name| Ok(Some(name)))? else {
         outln!("no runs yet: start one with `trued run self-calibration`");
-        return Ok(ExitStatus::Pass);
+        return Ok(());
     };
     let all = machine_history(&journal, &machine, &tolerances_of_newest_run(&journal, &machine)?)?;
     if args.json {
-        show::print_json(&all)?;
-        return Ok(ExitStatus::Pass);
+        return show::print_json(&all);
     }
     if all.is_empty() {
         outln!("no finished run of {machine}: `trued runs` lists all runs");
-        return Ok(ExitStatus::Pass);
+        return Ok(());
     }
     for of_method in all.chunk_by(|one, other| one.method == other.method) {
         print_trend(&machine, of_method, args.days);
     }
-    Ok(ExitStatus::Pass)
+    Ok(())
 }
 
 /// Tolerances in the machine file of the newest run; none if this version cannot read that file.

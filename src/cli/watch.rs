@@ -2,18 +2,16 @@
 
 use tokio::sync::mpsc;
 
-use super::ExitStatus;
 use super::args::WatchArgs;
 use super::failure::CommandFailure;
+use super::run::build_runtime;
 use crate::setup::{self, MachineFile};
 use devices::sensors::{Sample, SensorHandle};
 use machine::record::reading::ReadingFlag;
 
-pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, CommandFailure> {
+pub fn watch_command(args: &WatchArgs) -> Result<(), CommandFailure> {
     let file = MachineFile::read(&args.machine).map_err(setup::SetupError::from)?;
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(CommandFailure::without_remedy)?;
-    runtime.block_on(async {
+    build_runtime()?.block_on(async {
         let sensor = setup::open_sensor(&file, &args.sensor).await?;
         let connection = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
         let at = connection.map(|entry| entry.connection.describe_address()).unwrap_or_default();
@@ -22,8 +20,7 @@ pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, CommandFailure> {
             ended = print_samples(&sensor, &at, &mut printer) => ended,
             ended = tokio::signal::ctrl_c() => ended.map_err(CommandFailure::without_remedy),
         }
-    })?;
-    Ok(ExitStatus::Pass)
+    })
 }
 
 /// Shows every sample.
