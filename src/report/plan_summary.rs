@@ -26,8 +26,7 @@ fn instrument_rows(plan: &Plan) -> NameTextRows {
         let ([least, most], [i, j, k]) = (sensor.range_mm, sensor.direction);
         let noise = sensor.noise_um.map_or(String::new(), |um| format!(", noise {um} µm declared"));
         let text = format!(
-            "zero point {} {}, positive direction ({i}, {j}, {k}) (both nominal), range {least} to {most} \
-            mm{noise}",
+            "zero point {} {}, positive direction ({i}, {j}, {k}) (both nominal), range {least} to {most} mm{noise}",
             format_vector_mm(sensor.zero_mm),
             match sensor.mount {
                 SensorMount::Spindle => "from the spindle datum",

@@ -14,11 +14,8 @@ const MAX_CURVE_POINTS: usize = 200;
 
 /// One row per thermometer with a value.
 pub fn temperature_rows(readings: &[Reading]) -> NameTextRows {
-    let describe = |values: Vec<TimedTemperature>| {
-        let all: Vec<f64> = values.iter().map(|value| value.celsius).collect();
-        describe_temperatures(&all)
-    };
-    values_by_thermometer(readings).into_iter().map(|(name, values)| (name.to_owned(), describe(values))).collect()
+    let row = |(name, values): (&str, Vec<TimedTemperature>)| (name.to_owned(), describe_temperatures(&values));
+    values_by_thermometer(readings).into_iter().map(row).collect()
 }
 
 /// Temperatures of each thermometer over the time since the first reading, s.
@@ -53,7 +50,8 @@ fn values_by_thermometer(readings: &[Reading]) -> BTreeMap<&str, Vec<TimedTemper
     by_thermometer
 }
 
-fn describe_temperatures(all: &[f64]) -> String {
+fn describe_temperatures(values: &[TimedTemperature]) -> String {
+    let all: Vec<f64> = values.iter().map(|value| value.celsius).collect();
     let mean = all.iter().sum::<f64>() / all.len() as f64;
     let least = all.iter().copied().fold(f64::INFINITY, f64::min);
     let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -62,8 +60,7 @@ fn describe_temperatures(all: &[f64]) -> String {
     let sign = if change > 0.0 { "+" } else { "" };
     let count = all.len();
     format!(
-        "mean {mean} °C, from {least} to {most} °C, change {sign}{by} K from the first to the last of \
-        {count} readings"
+        "mean {mean} °C, from {least} to {most} °C, change {sign}{by} K from the first to the last of {count} readings"
     )
 }
 

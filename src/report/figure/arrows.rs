@@ -99,12 +99,8 @@ impl ArrowScales {
             Text::new(text, (left + SCALE_NAME_LEFT, top + row * SCALE_ROW_HEIGHT), style.clone())
         };
         let unit = self.unit.symbol();
-        draw_arrow(
-            area,
-            (left, top),
-            [self.picture_units_per_vector_unit * self.scale_arrow_length, 0.0],
-            INK_COLOUR.stroke_width(4),
-        )?;
+        let arrow_length = self.picture_units_per_vector_unit * self.scale_arrow_length;
+        draw_arrow(area, (left, top), [arrow_length, 0.0], INK_COLOUR.stroke_width(4))?;
         area.draw(&name(format!("{} {unit}", tick_label(self.scale_arrow_length, self.scale_arrow_length)), 0))?;
         if let Some(mm) = self.scale_bar_mm {
             let (right, y) = (left + (self.picture_units_per_mm * mm).round() as i32, top + SCALE_ROW_HEIGHT);

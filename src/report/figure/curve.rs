@@ -12,28 +12,21 @@ use machine::record::estimate::EstimatedFunction;
 const COLUMN_COUNT: usize = 400;
 
 pub(super) fn draw_curve(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
-    let (low, high) = value_bounds(
-        samples
-            .iter()
-            .flat_map(|sample| [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width]),
-    )?;
-    let (low, high) = add_margin((low, high));
+    let (low, high) = add_margin(value_bounds(samples.iter().flat_map(PlotPoint::uncertainty_ends))?);
     let curves = separate_curves(function, samples);
-    let x_axis = x_axis(function, curves.iter().flatten())?;
     let (x_name, y_name) = axis_names_with_units(function);
+    let x_axis = x_axis(function, curves.iter().flatten())?.titled(&x_name);
+    let y_axis = TickedAxis::with_round_ticks(low..high).titled(&y_name);
     draw_picture(PICTURE_SIZE, |area| {
-        let mut chart =
-            super::draw_axes(area, x_axis.titled(&x_name), TickedAxis::with_round_ticks(low..high).titled(&y_name))?;
+        let mut chart = super::draw_axes(area, x_axis, y_axis)?;
         for curve in &curves {
             if curve.iter().any(|sample| sample.uncertainty_half_width > 0.0) {
                 let upper = curve.iter().map(|sample| (sample.x, sample.y + sample.uncertainty_half_width));
                 let lower = curve.iter().rev().map(|sample| (sample.x, sample.y - sample.uncertainty_half_width));
-                chart.draw_series([Polygon::new(
-                    upper.chain(lower).collect::<Vec<_>>(),
-                    LINE_COLOUR.mix(BAND_OPACITY),
-                )])?;
+                let band: Vec<_> = upper.chain(lower).collect();
+                chart.draw_series([Polygon::new(band, LINE_COLOUR.mix(BAND_OPACITY))])?;
             }
-            let line: Vec<_> = curve.iter().map(|sample| (sample.x, sample.y)).collect();
+            let line: Vec<_> = curve.iter().map(PlotPoint::coordinates).collect();
             let width = if line.len() <= COLUMN_COUNT { 4 } else { 2 };
             chart.draw_series([PathElement::new(line.clone(), LINE_COLOUR.stroke_width(width))])?;
             if line.len() <= MAX_POINTS_WITH_MARKS {

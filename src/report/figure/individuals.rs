@@ -81,9 +81,7 @@ impl IndividualsChart {
         let samples: Vec<PlotPoint> =
             finite.map(|[t_s, y, half]| PlotPoint { x: *t_s, y: *y, uncertainty_half_width: *half }).collect();
         let limits = self.control_limits_and_first_index.map(|(limits, _)| limits).into_iter().flatten();
-        let ends = samples
-            .iter()
-            .flat_map(|sample| [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width]);
+        let ends = samples.iter().flat_map(PlotPoint::uncertainty_ends);
         let (mut low, mut high) = value_bounds(ends.chain(limits))?;
         let most = MAX_RANGE_RATIO_WITH_TOLERANCE * (high - low).max(f64::MIN_POSITIVE);
         let mut tolerance: Vec<f64> = self.tolerance.iter().flat_map(|limit| [-limit, *limit]).collect();
@@ -99,10 +97,9 @@ impl IndividualsChart {
             fits
         });
         let (begin, end) = value_bounds(samples.iter().map(|sample| sample.x)).filter(|(begin, end)| begin < end)?;
-        let time = add_margin((begin, end));
         Some(ScaledChart {
             samples,
-            time_range: time,
+            time_range: add_margin((begin, end)),
             value_range: add_margin((low, high)),
             drawn_tolerance_lines: tolerance,
         })
@@ -110,24 +107,21 @@ impl IndividualsChart {
 
     /// Entries of the legend.
     fn legend_entries(&self, unit: Unit, drawn: &[f64]) -> Vec<LegendEntry> {
-        let mut legend_entries = Vec::new();
-        legend_entries.extend(
-            self.control_limits_and_first_index.map(|_| (LegendSymbol::ControlLimitsBand, "control limits".to_owned())),
-        );
-        legend_entries.extend(self.tolerance.map(|limit| {
-            let beyond = match drawn.len() {
-                2 => "",
-                1 => " (one line beyond)",
-                _ => " (beyond)",
-            };
-            (LegendSymbol::ToleranceLine, format!("tolerance ±{limit} {}{beyond}", unit.symbol()))
-        }));
-        legend_entries.extend(
-            (!self.level_change_times_s.is_empty()).then(|| (LegendSymbol::LevelChangeMark, "step".to_owned())),
-        );
-        let has_compensation = !self.compensation_times_s.is_empty();
-        legend_entries.extend(has_compensation.then(|| (LegendSymbol::CompensationMark, "compensation".to_owned())));
-        legend_entries
+        let beyond = match drawn.len() {
+            2 => "",
+            1 => " (one line beyond)",
+            _ => " (beyond)",
+        };
+        let tolerance = self.tolerance.map(|limit| format!("tolerance ±{limit} {}{beyond}", unit.symbol()));
+        let has_control_limits = self.control_limits_and_first_index.is_some();
+        let name_if_drawn = |is_drawn: bool, name: &str| is_drawn.then(|| name.to_owned());
+        let names_by_symbol = [
+            (LegendSymbol::ControlLimitsBand, name_if_drawn(has_control_limits, "control limits")),
+            (LegendSymbol::ToleranceLine, tolerance),
+            (LegendSymbol::LevelChangeMark, name_if_drawn(!self.level_change_times_s.is_empty(), "step")),
+            (LegendSymbol::CompensationMark, name_if_drawn(!self.compensation_times_s.is_empty(), "compensation")),
+        ];
+        names_by_symbol.into_iter().filter_map(|(symbol, name)| Some((symbol, name?))).collect()
     }
 
     fn draw_values_and_limits(
@@ -137,40 +131,35 @@ impl IndividualsChart {
         x: TickedAxis,
         y: TickedAxis,
     ) -> DrawResult {
-        let ScaledChart {
-            samples,
-            time_range: (first, last),
-            value_range: (low, high),
-            drawn_tolerance_lines: tolerance,
-        } = scaled;
+        let ((first, last), (low, high)) = (scaled.time_range, scaled.value_range);
         let mut chart = super::draw_axes(area, x, y)?;
         if let Some(([lower, centre, upper], from)) = self.control_limits_and_first_index {
-            let begin = self.times_values_and_expanded_u.get(from).map_or(*first, |[t_s, ..]| *t_s);
-            let band = [(begin, lower), (*last, upper)];
+            let begin = self.times_values_and_expanded_u.get(from).map_or(first, |[t_s, ..]| *t_s);
+            let band = [(begin, lower), (last, upper)];
             chart.draw_series([Rectangle::new(band, GRID_COLOUR.mix(0.4).filled())])?;
             for (y, width) in [(lower, 3), (centre, 2), (upper, 3)] {
-                let line = vec![(begin, y), (*last, y)];
+                let line = vec![(begin, y), (last, y)];
                 chart.draw_series([PathElement::new(line, FIT_COLOUR.stroke_width(width))])?;
             }
         }
-        for y in tolerance {
-            let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], TOLERANCE_DASH_AND_GAP_LENGTH);
+        for y in &scaled.drawn_tolerance_lines {
+            let (line, (dash, gap)) = ([(first, *y), (last, *y)], TOLERANCE_DASH_AND_GAP_LENGTH);
             chart.draw_series(DashedLineSeries::new(line, dash, gap, INK_COLOUR.stroke_width(4)))?;
         }
         for t_s in &self.level_change_times_s {
-            let line = vec![(*t_s, *low), (*t_s, *high)];
+            let line = vec![(*t_s, low), (*t_s, high)];
             chart.draw_series([PathElement::new(line, INK_COLOUR.stroke_width(3))])?;
         }
-        for t_s in self.compensation_times_s.iter().filter(|t_s| (*first..=*last).contains(*t_s)) {
-            let (line, (dash, gap)) = ([(*t_s, *low), (*t_s, *high)], legend::COMPENSATION_DASH_AND_GAP_LENGTH);
+        for t_s in self.compensation_times_s.iter().filter(|t_s| (first..=last).contains(*t_s)) {
+            let (line, (dash, gap)) = ([(*t_s, low), (*t_s, high)], legend::COMPENSATION_DASH_AND_GAP_LENGTH);
             chart.draw_series(DashedLineSeries::new(line, dash, gap, FIT_COLOUR.stroke_width(4)))?;
         }
-        let bars = samples.iter().map(|PlotPoint { x, y, uncertainty_half_width: half }| {
-            let ends = vec![(*x, y - half), (*x, y + half)];
+        let bars = scaled.samples.iter().map(|sample| {
+            let ends = sample.uncertainty_ends().map(|y| (sample.x, y));
             PathElement::new(ends, LINE_COLOUR.mix(0.5).stroke_width(4))
         });
         chart.draw_series(bars)?;
-        let joined: Vec<_> = samples.iter().map(|sample| (sample.x, sample.y)).collect();
+        let joined: Vec<_> = scaled.samples.iter().map(PlotPoint::coordinates).collect();
         chart.draw_series([PathElement::new(joined.clone(), LINE_COLOUR.stroke_width(2))])?;
         chart.draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE_COLOUR.filled())))?;
         Ok(())

@@ -89,15 +89,17 @@ fn entries_with_places(
 
 fn draw_legend_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) -> DrawResult {
     let across = |x: i32, length: i32, y: i32| vec![(x, y), (x + length, y)];
+    let corners = [(x, y - 14), (x + LINE_SAMPLE_LENGTH, y + 14)];
+    let middle_x = x + LINE_SAMPLE_LENGTH / 2;
+    let upright = [(middle_x, y - 18), (middle_x, y + 18)];
     match piece {
         LegendSymbol::ControlLimitsBand => {
-            area.draw(&Rectangle::new([(x, y - 14), (x + LINE_SAMPLE_LENGTH, y + 14)], GRID_COLOUR.mix(0.4).filled()))?;
+            area.draw(&Rectangle::new(corners, GRID_COLOUR.mix(0.4).filled()))?;
             for edge in [y - 14, y + 14] {
                 area.draw(&PathElement::new(across(x, LINE_SAMPLE_LENGTH, edge), FIT_COLOUR.stroke_width(3)))?;
             }
         }
         LegendSymbol::NotIdentifiableArea => {
-            let corners = [(x, y - 14), (x + LINE_SAMPLE_LENGTH, y + 14)];
             area.draw(&Rectangle::new(corners, GRID_COLOUR.mix(SHADE_OPACITY).filled()))?;
         }
         LegendSymbol::ToleranceLine => {
@@ -107,17 +109,15 @@ fn draw_legend_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) 
             }
         }
         LegendSymbol::LevelChangeMark => {
-            let line = vec![(x + LINE_SAMPLE_LENGTH / 2, y - 18), (x + LINE_SAMPLE_LENGTH / 2, y + 18)];
-            area.draw(&PathElement::new(line, INK_COLOUR.stroke_width(3)))?;
+            area.draw(&PathElement::new(upright, INK_COLOUR.stroke_width(3)))?;
         }
         LegendSymbol::CompensationMark => {
-            let line = [(x + LINE_SAMPLE_LENGTH / 2, y - 18), (x + LINE_SAMPLE_LENGTH / 2, y + 18)];
             let (dash, gap) = COMPENSATION_DASH_AND_GAP_LENGTH;
-            area.draw(&DashedPathElement::new(line, dash as u32, gap as u32, FIT_COLOUR.stroke_width(4)))?;
+            area.draw(&DashedPathElement::new(upright, dash as u32, gap as u32, FIT_COLOUR.stroke_width(4)))?;
         }
         LegendSymbol::ThermometerMarker(number) => {
             area.draw(&PathElement::new(across(x, LINE_SAMPLE_LENGTH, y), LINE_COLOUR.stroke_width(2)))?;
-            draw_thermometer_marker(area, number, (x + LINE_SAMPLE_LENGTH / 2, y))?;
+            draw_thermometer_marker(area, number, (middle_x, y))?;
         }
     }
     Ok(())

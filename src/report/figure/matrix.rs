@@ -36,23 +36,17 @@ pub(in crate::report) fn draw_matrix(covariance: &ParameterCovariance, indices: 
     (names.len() == indices.len() && names.len() > 1).then_some(())?;
     let layout = MatrixLayout::for_names(&names);
     draw_picture(layout.picture_size(names.len()), |area| {
-        for (row, i) in indices.iter().enumerate() {
-            for (column, j) in indices.iter().enumerate().take(row) {
-                layout.draw_cell(area, [row, column], correlation_coefficient(covariance, *i, *j))?;
-            }
-        }
-        for (row, i) in indices.iter().enumerate() {
-            for (column, j) in indices.iter().enumerate().take(row) {
-                layout.draw_coefficient(area, [row, column], correlation_coefficient(covariance, *i, *j))?;
-            }
-        }
+        let cells = || (0..indices.len()).flat_map(|row| (0..row).map(move |column| [row, column]));
+        let coefficient = |cell: [usize; 2]| {
+            let [i, j] = cell.map(|n| indices[n]);
+            correlation_coefficient(covariance, i, j)
+        };
+        cells().try_for_each(|cell| layout.draw_cell(area, cell, coefficient(cell)))?;
+        cells().try_for_each(|cell| layout.draw_coefficient(area, cell, coefficient(cell)))?;
         names.iter().enumerate().skip(1).try_for_each(|(row, name)| layout.draw_row_name(area, row, name))?;
         let last = names.len() - 1;
-        names
-            .iter()
-            .take(last)
-            .enumerate()
-            .try_for_each(|(column, name)| layout.draw_column_name(area, column, last, name))
+        let mut columns = names.iter().take(last).enumerate();
+        columns.try_for_each(|(column, name)| layout.draw_column_name(area, column, last, name))
     })
 }
 

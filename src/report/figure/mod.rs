@@ -68,6 +68,17 @@ struct PlotPoint {
     uncertainty_half_width: f64,
 }
 
+impl PlotPoint {
+    fn coordinates(&self) -> (f64, f64) {
+        (self.x, self.y)
+    }
+
+    /// Lower and upper end of the uncertainty band.
+    fn uncertainty_ends(&self) -> [f64; 2] {
+        [self.y - self.uncertainty_half_width, self.y + self.uncertainty_half_width]
+    }
+}
+
 /// A function with the kind of its figure and the data to draw.
 pub(super) struct FunctionFigure<'a> {
     function: &'a EstimatedFunction,

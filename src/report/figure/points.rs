@@ -20,9 +20,7 @@ pub(super) fn draw_points(
     samples: &[PlotPoint],
     circled_points: &[[f64; 2]],
 ) -> Option<String> {
-    let ends = samples
-        .iter()
-        .flat_map(|sample| [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width]);
+    let ends = samples.iter().flat_map(PlotPoint::uncertainty_ends);
     let (low, high) = add_margin(value_bounds(ends.chain([0.0]))?);
     let (first, last) = add_margin(value_bounds(samples.iter().map(|sample| sample.x))?);
     let (x_name, y_name) = curve::axis_names_with_units(function);
@@ -32,11 +30,11 @@ pub(super) fn draw_points(
         let zero = vec![(first, 0.0), (last, 0.0)];
         chart.draw_series([PathElement::new(zero, INK_COLOUR.stroke_width(2))])?;
         let bars = samples.iter().filter(|sample| sample.uncertainty_half_width > 0.0).map(|sample| {
-            let ends = [sample.y - sample.uncertainty_half_width, sample.y + sample.uncertainty_half_width];
-            PathElement::new(ends.map(|y| (sample.x, y)), LINE_COLOUR.mix(0.5).stroke_width(4))
+            let ends = sample.uncertainty_ends().map(|y| (sample.x, y));
+            PathElement::new(ends, LINE_COLOUR.mix(0.5).stroke_width(4))
         });
         chart.draw_series(bars)?;
-        let marks = samples.iter().map(|sample| (sample.x, sample.y));
+        let marks = samples.iter().map(PlotPoint::coordinates);
         chart.draw_series(marks.map(|point| Circle::new(point, 7, LINE_COLOUR.filled())))?;
         let circled = circled_points.iter().map(|[x, y]| (*x, *y));
         chart.draw_series(circled.map(|point| Circle::new(point, 14, FIT_COLOUR.stroke_width(4))))?;

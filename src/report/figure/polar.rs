@@ -39,7 +39,7 @@ struct RadiusScale {
 impl RadiusScale {
     /// Scale of a figure; `None` without a sample.
     fn for_figure(figure: &FunctionFigure<'_>) -> Option<Self> {
-        let ends = figure.samples.iter().flat_map(|s| [s.y - s.uncertainty_half_width, s.y + s.uncertainty_half_width]);
+        let ends = figure.samples.iter().flat_map(PlotPoint::uncertainty_ends);
         let of_circles = figure.error_motion_circles.into_iter().flat_map(|(_, circles)| {
             let [x, y] = circles.centre;
             [circles.inner - x.hypot(y), circles.outer + x.hypot(y)]
@@ -141,10 +141,7 @@ fn draw_rings(area: &Area<'_>, scale: &RadiusScale) -> DrawResult {
     let centred = text_style(FONT_SIZE).pos(Pos::new(HPos::Center, VPos::Center));
     let all_degrees = || (0..360).step_by(45).map(f64::from);
     for degrees in all_degrees() {
-        let spoke = vec![
-            polar_to_picture_point(degrees, INNER_RING_RADIUS),
-            polar_to_picture_point(degrees, OUTER_RING_RADIUS),
-        ];
+        let spoke = [INNER_RING_RADIUS, OUTER_RING_RADIUS].map(|radius| polar_to_picture_point(degrees, radius));
         area.draw(&PathElement::new(spoke, GRID_COLOUR.stroke_width(2)))?;
     }
     for value in scale.ring_values() {

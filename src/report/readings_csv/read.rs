@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use csv::StringRecord;
 
 use super::{Column, FIRST_LINE, ReadingsError, ReadingsProblem};
-use machine::record::reading::{Reading, ReadingFlag, Temperatures};
-use machine::{Axis, Position};
+use machine::Axis;
+use machine::record::reading::{Reading, ReadingFlag};
 
 /// Reads a whole file. Defaults of missing optional columns: `repeat` 0, `t_s` 0, `sensor` and `flag` empty,
 /// `value_mm` none (a touch), other axes without a position.
@@ -115,16 +115,7 @@ fn parse_row(columns: &[Column], record: &StringRecord) -> Result<Reading, Readi
     if record.len() != columns.len() {
         return Err(ReadingsProblem::WrongFieldCount { found: record.len(), expected: columns.len() });
     }
-    let mut reading = Reading {
-        step: 0,
-        repeat: 0,
-        position: Position::new(),
-        value_mm: None,
-        sensor: String::new(),
-        t_s: 0.0,
-        flag: ReadingFlag::None,
-        temperatures_c: Temperatures::default(),
-    };
+    let mut reading = Reading::default();
     let mut temperatures_c = BTreeMap::new();
     for (column, text) in columns.iter().zip(record) {
         match column {
