@@ -20,7 +20,7 @@ pub struct CompensationChange {
 }
 
 /// State of a compensation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CompensationState {
     /// The write may be incomplete.
@@ -42,17 +42,6 @@ pub enum CompensationState {
 }
 
 impl CompensationState {
-    const ALL: [Self; 8] = [
-        Self::Writing,
-        Self::AwaitingRestart,
-        Self::Written,
-        Self::Verified,
-        Self::NotConfirmed,
-        Self::Undoing,
-        Self::UndoneAwaitingRestart,
-        Self::Undone,
-    ];
-
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Writing => "writing",
@@ -273,15 +262,13 @@ fn select_history(connection: &Connection, machine: &str) -> Result<Vec<Compensa
 }
 
 fn read_row(row: &Row<'_>) -> rusqlite::Result<StoredCompensation> {
-    let text: String = row.get(5)?;
-    let state = CompensationState::ALL.into_iter().find(|state| state.as_str() == text);
     Ok(StoredCompensation {
         id: row.get(0)?,
         machine: row.get(1)?,
         target: row.get(2)?,
         run: RunId(row.get(3)?),
         changes: columns::parse_json_column(row, 4)?,
-        state: state.ok_or_else(|| columns::damaged_column_error(5, "unknown state of a compensation".into()))?,
+        state: columns::parse_name_column(row, 5, "state of a compensation")?,
         at: columns::parse_text_column(row, 6)?,
         who: row.get(7)?,
         verified_by: row.get::<_, Option<i64>>(8)?.map(RunId),
