@@ -1,10 +1,8 @@
 //! Checks direction and distance of each axis against its command.
 
-use std::time::Instant;
-
 use super::jog::{self, JogError};
 use super::question_text::{axis_unit, format_amount, format_signed_amount, visible_motion};
-use super::{CheckEnd, CheckPart, MachineCheck};
+use super::{CheckEnd, CheckPart, MachineCheck, PartTimer};
 use crate::setup::control_hints;
 use machine::Axis;
 use machine::record::machine::AxisSense;
@@ -54,11 +52,10 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
     }
     let Some(jog) = plan_jog(check, axis) else { return Ok(AxisOutcome::Reported) };
     loop {
-        let part_started = Instant::now();
+        let timer = PartTimer::start(CheckPart::Axes);
         // The operator is prompted only for a jog that is proven to be free of collision.
         if let Err(error) = jog::prove_planned_jog(check, &jog) {
-            report_failed_jog(check, &jog, part_started, &error).await?;
-            return Ok(AxisOutcome::Reported);
+            return report_failed_jog(check, &jog, timer, &error).await;
         }
         let stands = check.position.clone().unwrap_or_default();
         let expected = visible_motion(&check.machine_file.machine, &stands, &jog).unwrap_or_default();
@@ -72,28 +69,26 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
             }
         }
         if let Err(error) = jog::run_jog(check, &jog).await {
-            report_failed_jog(check, &jog, part_started, &error).await?;
-            return Ok(AxisOutcome::Reported);
+            return report_failed_jog(check, &jog, timer, &error).await;
         }
         let OperatorAnswer::Motion(seen) =
             check.prompt_operator(OperatorQuestion::ObservedJog { jog, visible_motion: expected.clone() }).await?
         else {
-            report_axis_not_returned(check, &jog, part_started);
+            report_axis_not_returned(check, &jog, timer);
             return Err(CheckEnd::Unsafe);
         };
         if let Err(error) = jog::run_jog(check, &jog::reversed_jog(&jog)).await {
-            report_failed_jog(check, &jog, part_started, &error).await?;
-            return Ok(AxisOutcome::Reported);
+            return report_failed_jog(check, &jog, timer, &error).await;
         }
         if seen != ObservedMotion::Unclear {
-            judge_observed_motion(check, &jog, seen, part_started, &expected);
+            judge_observed_motion(check, &jog, seen, timer, &expected);
             return Ok(AxisOutcome::Reported);
         }
     }
 }
 
 /// Reports that the operator did not answer after the jog, and that the axis was not moved back.
-fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, part_started: Instant) {
+fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, timer: PartTimer) {
     let axis = jog.axis;
     let what = format!(
         "{axis} {}: the operator did not report the observed motion, so the axis was not \
@@ -101,8 +96,7 @@ fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, part_starte
         format_signed_amount(jog)
     );
     check.report_failed(
-        CheckPart::Axes,
-        part_started,
+        timer,
         what,
         format!("check the machine; move {axis} back at the control, then repeat the check"),
     );
@@ -110,7 +104,7 @@ fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, part_starte
 
 /// The jog of an axis; `None`, with a finding, if the axis cannot be jogged from its position.
 fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
-    let (part_started, machine) = (Instant::now(), &check.machine_file.machine);
+    let (timer, machine) = (PartTimer::start(CheckPart::Axes), &check.machine_file.machine);
     let spec = machine.axes.get(&axis)?;
     let stands = check.position.as_ref()?;
     let jog = jog::jog_away_from_limit(axis, JOG_LENGTH_MM_OR_DEG, spec, stands);
@@ -122,7 +116,7 @@ fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
             coordinates)"
         );
         check.has_axis_fault = true;
-        check.report_failed(CheckPart::Axes, part_started, what, remedy);
+        check.report_failed(timer, what, remedy);
     }
     jog
 }
@@ -134,15 +128,15 @@ fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
 async fn report_failed_jog(
     check: &mut MachineCheck<'_>,
     jog: &Jog,
-    part_started: Instant,
+    timer: PartTimer,
     error: &JogError,
-) -> Result<(), CheckEnd> {
+) -> Result<AxisOutcome, CheckEnd> {
     check.require_no_stop_request()?;
     check.has_axis_fault = true;
     let reported = if error.has_changed_nothing() { None } else { describe_reported_motion(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, format_signed_amount(jog), reported.unwrap_or_default());
-    check.report_failed(CheckPart::Axes, part_started, what, error.remedy());
-    if error.has_changed_nothing() { Ok(()) } else { Err(CheckEnd::Unsafe) }
+    check.report_failed(timer, what, error.remedy());
+    if error.has_changed_nothing() { Ok(AxisOutcome::Reported) } else { Err(CheckEnd::Unsafe) }
 }
 
 /// Reported motion since the jog, in words: the axis with the largest change. `None` if no position is known.
@@ -164,7 +158,7 @@ fn judge_observed_motion(
     check: &mut MachineCheck<'_>,
     jog: &Jog,
     observed: ObservedMotion,
-    part_started: Instant,
+    timer: PartTimer,
     expected: &str,
 ) {
     let (axis, by) = (jog.axis, format_signed_amount(jog));
@@ -181,7 +175,7 @@ fn judge_observed_motion(
     };
     let (what, remedy) = match observed {
         ObservedMotion::AsAnnounced | ObservedMotion::Unclear => {
-            return check.report_ok(CheckPart::Axes, part_started, format!("{axis} {by}: {expected}, as expected"));
+            return check.report_ok(timer, format!("{axis} {by}: {expected}, as expected"));
         }
         ObservedMotion::Opposite => (
             format!("{axis} {by}: the axis moved in the opposite direction: the sense of {axis} is wrong"),
@@ -205,7 +199,7 @@ fn judge_observed_motion(
         ObservedMotion::Distance(distance) => gain_fault_and_remedy(jog, distance),
     };
     check.has_axis_fault = true;
-    check.report_failed(CheckPart::Axes, part_started, what, remedy);
+    check.report_failed(timer, what, remedy);
 }
 
 fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {

@@ -62,7 +62,7 @@ impl fmt::Display for CheckFinding {
 }
 
 /// All findings of a check. The summary contains the machine's name and no other private data.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct CheckSummary {
     pub program_version: String,
     pub machine: String,
@@ -77,14 +77,7 @@ pub struct CheckSummary {
 
 impl CheckSummary {
     pub(super) fn for_machine(machine: &str) -> Self {
-        Self {
-            program_version: env!("CARGO_PKG_VERSION").to_owned(),
-            machine: machine.to_owned(),
-            control: None,
-            findings: Vec::new(),
-            stopped: false,
-            held: false,
-        }
+        Self { program_version: env!("CARGO_PKG_VERSION").to_owned(), machine: machine.to_owned(), ..Self::default() }
     }
 
     pub fn finding_count(&self, verdict: CheckVerdict) -> usize {

@@ -7,7 +7,7 @@ use tokio::time::timeout;
 
 use super::axes::PROBE_UNTESTED_REASON;
 use super::jog::{self, ProvenJog};
-use super::{CheckEnd, CheckPart, MachineCheck};
+use super::{CheckEnd, CheckPart, MachineCheck, PartTimer};
 use crate::setup::{SetupError, SimulationPace, control_hints};
 use devices::controllers::ControllerError;
 use machine::Axis;
@@ -57,11 +57,11 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
         check.report_unchecked(CheckPart::Hold, "the operator did not permit the motion");
         return Ok(());
     }
-    let part_started = Instant::now();
+    let timer = PartTimer::start(CheckPart::Hold);
     if check.reopenable_machine.simulated_operator().is_some() {
         // Reopens at real pace, otherwise the motion ends before the halt.
         if let Err(error) = reopen_and_prepare_control(check, SimulationPace::RealTime).await {
-            check.report_failed(CheckPart::Hold, part_started, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(timer, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     }
@@ -69,18 +69,14 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
         Ok(proven) => proven,
         Err(error) => {
             check.require_no_stop_request()?;
-            check.report_failed(CheckPart::Hold, part_started, error.to_string(), error.remedy());
+            check.report_failed(timer, error.to_string(), error.remedy());
             return if error.has_changed_nothing() { Ok(()) } else { Err(CheckEnd::Unsafe) };
         }
     };
     let held = run_and_halt_jog(check, proven).await?;
     check.summary.held = held.time_to_halt_s.is_some();
     check.require_no_stop_request()?;
-    if judge_hold_and_return_held(check, &jog, held, part_started).await? {
-        wait_for_release(check).await
-    } else {
-        Ok(())
-    }
+    if judge_hold_and_return_held(check, &jog, held, timer).await? { wait_for_release(check).await } else { Ok(()) }
 }
 
 /// A jog of the linear axis that has the most travel in the direction of the jog.
@@ -126,7 +122,7 @@ async fn judge_hold_and_return_held(
     check: &mut MachineCheck<'_>,
     jog: &Jog,
     held: HeldJog,
-    part_started: Instant,
+    timer: PartTimer,
 ) -> Result<bool, CheckEnd> {
     let axis = jog.axis;
     let time_to_halt_s = match (&held.block_result, held.time_to_halt_s) {
@@ -142,11 +138,11 @@ async fn judge_hold_and_return_held(
         }
         (Err(error @ ControllerError::HoldFailed { .. }), _) => {
             let remedy = format!("{}; {}", error.remedy(), hold_remedy());
-            check.report_failed(CheckPart::Hold, part_started, error.to_string(), remedy);
+            check.report_failed(timer, error.to_string(), remedy);
             return Err(CheckEnd::Unsafe);
         }
         (Err(error), _) => {
-            check.report_failed(CheckPart::Hold, part_started, error.to_string(), error.remedy());
+            check.report_failed(timer, error.to_string(), error.remedy());
             return Err(CheckEnd::Unsafe);
         }
     };
@@ -163,8 +159,7 @@ async fn judge_hold_and_return_held(
             {HELD_JOG_LENGTH_MM} mm"
         );
         check.report_failed(
-            CheckPart::Hold,
-            part_started,
+            timer,
             what,
             format!("do not start a run on this machine until a hold stops it; {}", hold_remedy()),
         );
@@ -174,7 +169,7 @@ async fn judge_hold_and_return_held(
         "the hold stopped the jog: {axis} stopped after {gone:.2} of {HELD_JOG_LENGTH_MM} mm, {:.2} s after the halt",
         held.stopping_time_s
     );
-    check.report_ok(CheckPart::Hold, part_started, what);
+    check.report_ok(timer, what);
     Ok(true)
 }
 

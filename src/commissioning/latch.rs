@@ -2,10 +2,9 @@
 //! is touched at two feeds. The journal stores these touches as a run of `latch-delay`.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use super::axes::PROBE_UNTESTED_REASON;
-use super::{CheckEnd, CheckPart, MachineCheck};
+use super::{CheckEnd, CheckPart, MachineCheck, PartTimer};
 use crate::run::{CycleError, IdentificationError, Run, RunError, identify_judge_and_store};
 use crate::setup;
 use crate::store::NewRun;
@@ -29,7 +28,7 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
         check.report_unchecked(CheckPart::Latch, PROBE_UNTESTED_REASON);
         return Ok(());
     }
-    let part_started = Instant::now();
+    let timer = PartTimer::start(CheckPart::Latch);
     // The plan is made without prompts: the check itself asks the operator.
     let file = check.machine_file.without_prompts();
     let configured = setup::configure_method_and_plan_without_steps(&file, latch_delay::METHOD_NAME, None);
@@ -38,7 +37,7 @@ pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), Chec
     let (action, method, plan_without_steps) = match described {
         Ok(described) => described,
         Err(error) => {
-            check.report_failed(CheckPart::Latch, part_started, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(timer, error.to_string(), error.remedy().unwrap_or_default());
             return Ok(());
         }
     };
@@ -74,22 +73,21 @@ async fn touch_part_and_report_latch(
     method: Arc<dyn Method>,
     plan_without_steps: Plan,
 ) -> Result<(), CheckEnd> {
-    let part_started = Instant::now();
+    let timer = PartTimer::start(CheckPart::Latch);
     let probe = plan_without_steps.probe.clone();
     let measured = run_latch_delay_method(check, method, plan_without_steps).await?;
     check.require_no_stop_request()?;
     match measured {
-        Ok(result) => report_latch(check, &result, &probe, part_started),
+        Ok(result) => report_latch(check, &result, &probe, timer),
         Err(CycleError::MeasurementIncomplete { error, .. }) if is_no_contact(&error) => check.report_failed(
-            CheckPart::Latch,
-            part_started,
+            timer,
             format!("{error}: the part is not at the position in the machine file"),
             "move the part to the position of [artefact], or correct centre_mm, radius_mm and height_mm \
             there; if the position is right, correct tool_mm of [machine] or the zero of the axes",
         ),
         Err(error) => {
             let remedy = failed_cycle_remedy(&error);
-            check.report_failed(CheckPart::Latch, part_started, error.to_string(), remedy);
+            check.report_failed(timer, error.to_string(), remedy);
         }
     }
     Ok(())
@@ -123,20 +121,14 @@ async fn run_latch_delay_method(
     Ok(result)
 }
 
-fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, part_started: Instant) {
+fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, timer: PartTimer) {
     match result.latch_diagnosis {
-        LatchDiagnosis::NoPlcScan { .. } => check.report_ok(CheckPart::Latch, part_started, &result.latch_text),
+        LatchDiagnosis::NoPlcScan { .. } => check.report_ok(timer, &result.latch_text),
         LatchDiagnosis::PlcScan(time) => {
-            check.report_failed(
-                CheckPart::Latch,
-                part_started,
-                &result.latch_text,
-                plc_scan_remedy(probe, time.duration_s),
-            );
+            check.report_failed(timer, &result.latch_text, plc_scan_remedy(probe, time.duration_s));
         }
         LatchDiagnosis::ExcessScatter(_) => check.report_failed(
-            CheckPart::Latch,
-            part_started,
+            timer,
             &result.latch_text,
             "check that probe, stylus, part and table are tight; a lower search_feed_mm_min causes less \
             vibration",
@@ -144,26 +136,24 @@ fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: 
     }
     if let Some(text) = &result.significant_delay_text {
         if result.delay_s > 0.0 {
-            check.report_ok(CheckPart::Latch, part_started, text);
+            check.report_ok(timer, text);
         } else {
             check.report_failed(
-                CheckPart::Latch,
-                part_started,
+                timer,
                 text,
                 "set the feed override to 100 %, and switch off the compensation of the probe delay at the \
                 control",
             );
         }
     }
-    report_scatter(check, result, probe, part_started);
+    report_scatter(check, result, probe, timer);
 }
 
 /// Compares the scatter of the touches with the declared repeatability.
-fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, part_started: Instant) {
+fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, timer: PartTimer) {
     match (&result.excess_scatter_text, probe.repeatability_um) {
         (Some(text), _) => check.report_failed(
-            CheckPart::Latch,
-            part_started,
+            timer,
             text,
             format!(
                 "clean the stylus and the part and check that both are tight; if the scatter stays the \
@@ -184,7 +174,7 @@ fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe
                     {bound:.2} µm, χ² test)"
                 );
             }
-            check.report_ok(CheckPart::Latch, part_started, what);
+            check.report_ok(timer, what);
         }
         _ => {}
     }

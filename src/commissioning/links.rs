@@ -1,42 +1,39 @@
 //! Checks that the control answers. If it does not, the driver of the control diagnoses the link.
 
-use std::time::Instant;
-
-use super::{CheckEnd, CheckPart, MachineCheck};
+use super::{CheckEnd, CheckPart, MachineCheck, PartTimer};
 use crate::setup::SetupError;
 use crate::setup::machine_file::ControlConfig;
 use devices::controllers::{ConnectionDiagnosisRequest, ControllerError, DiagnosisMode};
 use machine::record::question::{OperatorAnswer, OperatorQuestion};
 
 pub(super) async fn check_links(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
-    let part_started = Instant::now();
+    let timer = PartTimer::start(CheckPart::Links);
     let error = match check.open_devices(check.pace).await {
         Ok(()) => {
             let at = match &check.machine_file.controller_section.control {
                 ControlConfig::Real(control) => control.describe_address(),
                 ControlConfig::Simulated(_) => "simulated".to_owned(),
             };
-            check.report_ok(CheckPart::Links, part_started, format!("the link to the control is open: {at}"));
+            check.report_ok(timer, format!("the link to the control is open: {at}"));
             return check.require_no_stop_request();
         }
         Err(SetupError::Controller(error)) => error,
         Err(SetupError::Link(error)) => error.into(),
         Err(error) => {
-            check.report_failed(CheckPart::Links, part_started, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(timer, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     };
-    end_with_link_fault(check, CheckPart::Links, part_started, &error).await
+    end_with_link_fault(check, timer, &error).await
 }
 
 /// Reports `error` and its possible causes, closes the link and returns the end of the check.
 pub(super) async fn end_with_link_fault<T>(
     check: &mut MachineCheck<'_>,
-    part: CheckPart,
-    part_started: Instant,
+    timer: PartTimer,
     error: &ControllerError,
 ) -> Result<T, CheckEnd> {
-    check.report_failed(part, part_started, error.to_string(), error.remedy());
+    check.report_failed(timer, error.to_string(), error.remedy());
     check.devices = None;
     if let ControlConfig::Real(control) = &check.machine_file.controller_section.control {
         let machine = &check.machine_file.machine;
@@ -50,7 +47,7 @@ pub(super) async fn end_with_link_fault<T>(
                 .await;
         }
         for diagnosis in diagnoses {
-            check.report_failed(part, part_started, diagnosis.to_string(), diagnosis.remedy);
+            check.report_failed(timer, diagnosis.to_string(), diagnosis.remedy);
         }
     }
     check.require_no_stop_request()?;

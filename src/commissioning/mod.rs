@@ -45,6 +45,19 @@ enum CheckEnd {
     Stopped,
 }
 
+/// The part to which a finding belongs, and the start of the check that leads to the finding.
+#[derive(Clone, Copy)]
+struct PartTimer {
+    part: CheckPart,
+    started: Instant,
+}
+
+impl PartTimer {
+    fn start(part: CheckPart) -> Self {
+        Self { part, started: Instant::now() }
+    }
+}
+
 type PartCheckFuture<'c> = Pin<Box<dyn Future<Output = Result<(), CheckEnd>> + 'c>>;
 type PartCheckFn = for<'c, 'a> fn(&'c mut MachineCheck<'a>) -> PartCheckFuture<'c>;
 
@@ -178,30 +191,23 @@ impl<'a> MachineCheck<'a> {
         Ok(())
     }
 
-    fn report_ok(&mut self, part: CheckPart, part_started: Instant, what: impl Into<String>) {
-        self.add_finding(part, CheckVerdict::Ok, part_started, what.into(), None);
+    fn report_ok(&mut self, timer: PartTimer, what: impl Into<String>) {
+        self.add_finding(timer, CheckVerdict::Ok, what.into(), None);
     }
 
-    fn report_failed(
-        &mut self,
-        part: CheckPart,
-        part_started: Instant,
-        what: impl Into<String>,
-        remedy: impl Into<String>,
-    ) {
-        self.add_finding(part, CheckVerdict::Failed, part_started, what.into(), Some(remedy.into()));
+    fn report_failed(&mut self, timer: PartTimer, what: impl Into<String>, remedy: impl Into<String>) {
+        self.add_finding(timer, CheckVerdict::Failed, what.into(), Some(remedy.into()));
     }
 
     /// Reports a fault after which it would not be safe to continue, and returns the end of the check.
     fn end_with_fault<T>(
         &mut self,
-        part: CheckPart,
-        part_started: Instant,
+        timer: PartTimer,
         what: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Result<T, CheckEnd> {
         self.require_no_stop_request()?;
-        self.report_failed(part, part_started, what, remedy);
+        self.report_failed(timer, what, remedy);
         Err(CheckEnd::Unsafe)
     }
 
@@ -212,19 +218,12 @@ impl<'a> MachineCheck<'a> {
     }
 
     fn report_unchecked(&mut self, part: CheckPart, why: impl Into<String>) {
-        self.add_finding(part, CheckVerdict::NotChecked, Instant::now(), why.into(), None);
+        self.add_finding(PartTimer::start(part), CheckVerdict::NotChecked, why.into(), None);
     }
 
-    fn add_finding(
-        &mut self,
-        part: CheckPart,
-        verdict: CheckVerdict,
-        part_started: Instant,
-        what: String,
-        remedy: Option<String>,
-    ) {
-        let took_s = part_started.elapsed().as_secs_f64();
-        let finding = CheckFinding { part, what, took_s, verdict, remedy };
+    fn add_finding(&mut self, timer: PartTimer, verdict: CheckVerdict, what: String, remedy: Option<String>) {
+        let took_s = timer.started.elapsed().as_secs_f64();
+        let finding = CheckFinding { part: timer.part, what, took_s, verdict, remedy };
         (self.on_finding)(&finding);
         self.summary.findings.push(finding);
     }

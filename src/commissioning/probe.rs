@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use tokio::time::sleep;
 
-use super::{CheckEnd, CheckPart, MachineCheck, control, retract};
+use super::{CheckEnd, CheckPart, MachineCheck, PartTimer, control, retract};
 use machine::record::question::{OperatorAnswer, OperatorQuestion, StylusState};
 
 const NO_OPERATOR_REASON: &str = "no operator is present to deflect the stylus";
@@ -23,27 +23,19 @@ struct ProbeInputBehaviour {
 
 pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     retract::retract_from_contact(check).await?;
-    let part_started = Instant::now();
-    let Some(test) = test_probe_input(check, part_started).await? else {
-        return if check.position.is_some() {
-            update_position(check, part_started).await
-        } else {
-            Err(CheckEnd::Unsafe)
-        };
+    let timer = PartTimer::start(CheckPart::Probe);
+    let Some(test) = test_probe_input(check, timer).await? else {
+        return if check.position.is_some() { update_position(check, timer).await } else { Err(CheckEnd::Unsafe) };
     };
     if let Some((what, remedy)) = test.fault_and_remedy(check.probe_polarity_hint.as_deref()) {
-        check.report_failed(CheckPart::Probe, part_started, what, remedy);
+        check.report_failed(timer, what, remedy);
         // With a faulty probe a contact does not stop the machine.
         return Err(CheckEnd::Unsafe);
     }
-    check.report_ok(
-        CheckPart::Probe,
-        part_started,
-        "the probe input is open at rest, closed while the stylus is deflected, then open again",
-    );
+    check.report_ok(timer, "the probe input is open at rest, closed while the stylus is deflected, then open again");
     check.is_probe_working = true;
     match check.position {
-        Some(_) => update_position(check, part_started).await,
+        Some(_) => update_position(check, timer).await,
         // The control is prepared only now, because the probe input was closed at the first attempt.
         None => control::prepare_and_confirm_position(check).await,
     }
@@ -52,19 +44,19 @@ pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), Chec
 /// Observes the probe input while the operator deflects the stylus; `None`, with a finding, if it cannot be checked.
 async fn test_probe_input(
     check: &mut MachineCheck<'_>,
-    part_started: Instant,
+    timer: PartTimer,
 ) -> Result<Option<ProbeInputBehaviour>, CheckEnd> {
     let is_mounted = is_probe_mounted(check).await?;
     let is_free = is_mounted && is_stylus_state_confirmed(check, StylusState::Free).await?;
-    let is_closed_at_rest = control::read_snapshot_for_probe_part(check, part_started).await?.is_probe_closed;
+    let is_closed_at_rest = control::read_snapshot_for_probe_part(check, timer).await?.is_probe_closed;
     if !is_free || !is_stylus_state_confirmed(check, StylusState::Deflected).await? {
         let why = if is_mounted { NO_OPERATOR_REASON } else { "the touch probe is not in the spindle" };
-        report_untested_probe(check, part_started, is_closed_at_rest, why);
+        report_untested_probe(check, timer, is_closed_at_rest, why);
         return Ok(None);
     }
-    let follows_stylus = wait_for_probe_input(check, part_started, !is_closed_at_rest).await?;
+    let follows_stylus = wait_for_probe_input(check, timer, !is_closed_at_rest).await?;
     let is_released = is_stylus_state_confirmed(check, StylusState::Free).await?;
-    let returns_to_rest = is_released && wait_for_probe_input(check, part_started, is_closed_at_rest).await?;
+    let returns_to_rest = is_released && wait_for_probe_input(check, timer, is_closed_at_rest).await?;
     Ok(Some(ProbeInputBehaviour { is_closed_at_rest, follows_stylus, returns_to_rest }))
 }
 
@@ -80,34 +72,34 @@ async fn is_probe_mounted(check: &mut MachineCheck<'_>) -> Result<bool, CheckEnd
         || check.prompt_operator(OperatorQuestion::StylusState(StylusState::Mounted)).await? != OperatorAnswer::No)
 }
 
-fn report_untested_probe(check: &mut MachineCheck<'_>, part_started: Instant, is_closed_at_rest: bool, why: &str) {
+fn report_untested_probe(check: &mut MachineCheck<'_>, timer: PartTimer, is_closed_at_rest: bool, why: &str) {
     if is_closed_at_rest {
         let remedy = "run `trued check` on a terminal: it retracts a stylus from a contact step by step and \
             determines whether the input is inverted or stuck; or release the stylus by hand (the input must \
             also read open while a sensor is mounted instead of the probe)";
-        check.report_failed(CheckPart::Probe, part_started, "the probe reads closed", remedy);
+        check.report_failed(timer, "the probe reads closed", remedy);
     } else {
-        check.report_ok(CheckPart::Probe, part_started, "open at rest");
+        check.report_ok(timer, "open at rest");
         check.report_unchecked(CheckPart::Probe, format!("whether the input closes is unknown: {why}"));
     }
 }
 
 /// Updates the position: the operator may have moved the machine to reach the stylus.
-async fn update_position(check: &mut MachineCheck<'_>, part_started: Instant) -> Result<(), CheckEnd> {
-    check.position = Some(control::read_snapshot_for_probe_part(check, part_started).await?.position);
+async fn update_position(check: &mut MachineCheck<'_>, timer: PartTimer) -> Result<(), CheckEnd> {
+    check.position = Some(control::read_snapshot_for_probe_part(check, timer).await?.position);
     Ok(())
 }
 
 /// Waits until the probe input is closed (`expects_closed`) or open; returns whether that happened in time.
 async fn wait_for_probe_input(
     check: &mut MachineCheck<'_>,
-    part_started: Instant,
+    timer: PartTimer,
     expects_closed: bool,
 ) -> Result<bool, CheckEnd> {
     let deadline = Instant::now() + check.operator.max_action_time();
     loop {
         check.require_no_stop_request()?;
-        if control::read_snapshot_for_probe_part(check, part_started).await?.is_probe_closed == expects_closed {
+        if control::read_snapshot_for_probe_part(check, timer).await?.is_probe_closed == expects_closed {
             return Ok(true);
         }
         if Instant::now() > deadline {

@@ -2,11 +2,9 @@
 //! probing move while its probe input is closed. The operator names one linear axis and a direction, the
 //! machine makes one small feed move, and the probe is read again.
 
-use std::time::Instant;
-
 use super::jog::{self, JogError, RETRACT_INCREMENT_MM};
 use super::question_text::visible_motion;
-use super::{CheckEnd, CheckPart, MachineCheck, control};
+use super::{CheckEnd, CheckPart, MachineCheck, PartTimer, control};
 use devices::controllers::ControllerError;
 use machine::record::question::{AxisDirection, Jog, OperatorAnswer, OperatorQuestion};
 use machine::{Axis, Position};
@@ -19,12 +17,12 @@ const MAX_RETRACT_ANSWERS: usize = 20;
 /// # Errors
 /// The stylus was retracted out of contact, a stop was requested, or the control cannot continue.
 pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
-    let part_started = Instant::now();
+    let timer = PartTimer::start(CheckPart::Probe);
     let mut last_result = None;
     for answers in 0..=MAX_RETRACT_ANSWERS {
-        let snapshot = control::read_snapshot_for_probe_part(check, part_started).await?;
+        let snapshot = control::read_snapshot_for_probe_part(check, timer).await?;
         if !snapshot.is_probe_closed {
-            return if answers > 0 { Err(report_released_stylus(check, part_started)) } else { Ok(()) };
+            return if answers > 0 { Err(report_released_stylus(check, timer)) } else { Ok(()) };
         }
         if answers == MAX_RETRACT_ANSWERS {
             break;
@@ -38,18 +36,18 @@ pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result
     }
     let what = format!("the probe still reads closed after {MAX_RETRACT_ANSWERS} answers of the operator");
     let remedy = "check the machine and the stylus; retract with the jog keys of the control";
-    check.report_failed(CheckPart::Probe, part_started, what, remedy);
+    check.report_failed(timer, what, remedy);
     Err(CheckEnd::Unsafe)
 }
 
 /// Reports that the stylus is out of contact, and ends the check: jogs are proven from the position that the control
 /// reports, and after a contact at an unexpected position the reported position may be wrong.
-fn report_released_stylus(check: &mut MachineCheck<'_>, part_started: Instant) -> CheckEnd {
+fn report_released_stylus(check: &mut MachineCheck<'_>, timer: PartTimer) -> CheckEnd {
     let what = "the stylus is out of contact and the probe reads open; the position of the machine may differ from \
         the display of the control";
     let remedy = "jog the machine clear at the control, find the body that the stylus touched, and home the \
         machine if its position may be wrong; then repeat the check";
-    check.report_failed(CheckPart::Probe, part_started, what, remedy);
+    check.report_failed(timer, what, remedy);
     CheckEnd::Unsafe
 }
 
@@ -65,7 +63,7 @@ fn visible_motions(check: &MachineCheck<'_>, position: &Position) -> Vec<String>
 
 /// Moves by one retract increment and describes the result. A move that cannot be proven is not executed.
 async fn retract_by_one_increment(check: &mut MachineCheck<'_>, direction: AxisDirection) -> Result<String, CheckEnd> {
-    let part_started = Instant::now();
+    let timer = PartTimer::start(CheckPart::Probe);
     let position = control::prepare_in_contact(check).await?;
     match jog::run_retract_increment(check, &position, direction).await {
         Ok(()) => Ok(format!("{direction}: moved by {RETRACT_INCREMENT_MM} mm")),
@@ -74,8 +72,6 @@ async fn retract_by_one_increment(check: &mut MachineCheck<'_>, direction: AxisD
             Ok(format!("{direction}: moved by {RETRACT_INCREMENT_MM} mm; the probe still reads closed"))
         }
         Err(error) if error.has_changed_nothing() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
-        Err(error) => {
-            check.end_with_fault(CheckPart::Probe, part_started, format!("{direction}: {error}"), error.remedy())
-        }
+        Err(error) => check.end_with_fault(timer, format!("{direction}: {error}"), error.remedy()),
     }
 }

@@ -1,8 +1,6 @@
 //! Checks that each sensor answers with plausible samples. Nothing moves.
 
-use std::time::Instant;
-
-use super::{CheckEnd, CheckPart, MachineCheck, thermometers};
+use super::{CheckEnd, CheckPart, MachineCheck, PartTimer, thermometers};
 use crate::setup::machine_file::SensorEntry;
 use devices::sensors::{Sample, SensorError, SensorInfo};
 use machine::record::reading::ReadingFlag;
@@ -25,18 +23,18 @@ type SensorFault = (String, &'static str);
 pub(super) async fn check_sensors(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     for entry in &check.machine_file.sensors {
         check.require_no_stop_request()?;
-        let part_started = Instant::now();
+        let timer = PartTimer::start(CheckPart::Sensors);
         let name = format!("{} ({})", entry.sensor.name, entry.connection.describe_address());
         match record_samples(check, &entry.sensor.name).await {
             Ok((prepared, samples)) => match sensor_fault(entry, &samples) {
                 Some((what, remedy)) => {
-                    check.report_failed(CheckPart::Sensors, part_started, format!("{name} {what}"), remedy);
+                    check.report_failed(timer, format!("{name} {what}"), remedy);
                 }
-                None => check.report_ok(CheckPart::Sensors, part_started, describe_samples(&name, &prepared, &samples)),
+                None => check.report_ok(timer, describe_samples(&name, &prepared, &samples)),
             },
             Err(error) => {
                 let what = format!("{name}: {error}");
-                check.report_failed(CheckPart::Sensors, part_started, what, error.remedy());
+                check.report_failed(timer, what, error.remedy());
             }
         }
     }
