@@ -91,15 +91,11 @@ async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutc
 fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, timer: PartTimer) {
     let axis = jog.axis;
     let what = format!(
-        "{axis} {}: the operator did not report the observed motion, so the axis was not \
-        moved back",
+        "{axis} {}: the operator did not report the observed motion, so the axis was not moved back",
         format_signed_amount(jog)
     );
-    check.report_failed(
-        timer,
-        what,
-        format!("check the machine; move {axis} back at the control, then repeat the check"),
-    );
+    let remedy = format!("check the machine; move {axis} back at the control, then repeat the check");
+    check.report_failed(timer, what, remedy);
 }
 
 /// The jog of an axis; `None`, with a finding, if the axis cannot be jogged from its position.
@@ -112,8 +108,7 @@ fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
         let here = axis.to_mm_or_deg(stands.get_or_zero(axis));
         let what = format!("{axis} is at {here:.3}, outside its travel from {} to {}", spec.min, spec.max);
         let remedy = format!(
-            "home the machine; if it is homed already, correct min and max of [axes.{axis}] (machine \
-            coordinates)"
+            "home the machine; if it is homed already, correct min and max of [axes.{axis}] (machine coordinates)"
         );
         check.has_axis_fault = true;
         check.report_failed(timer, what, remedy);
@@ -211,10 +206,7 @@ fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {
         );
     }
     let other = if stated == Some(AxisSense::Reversed) { "iso" } else { "reversed" };
-    format!(
-        "write positive = \"{other}\" in [axes.{axis}], or invert the direction of {axis} at the \
-        control"
-    )
+    format!("write positive = \"{other}\" in [axes.{axis}], or invert the direction of {axis} at the control")
 }
 
 /// Description and remedy of a wrong number of steps per unit. `observed_distance`: mm or degrees.

@@ -133,8 +133,7 @@ async fn confirm_displayed_position(check: &mut MachineCheck<'_>) -> Result<(), 
             let what = format!("the display of the control does not show the reported position {reported}");
             let remedy = "the check does not move the machine in this state. Modbus: compare `type`, \
                 `order` and `scale` of the position registers with the program of the control. Other \
-                controls: check that the units are millimetres and that the display shows machine \
-                coordinates";
+                controls: check that the units are millimetres and that the display shows machine coordinates";
             return check.end_with_fault(timer, what, remedy);
         }
         _ => {

@@ -44,13 +44,10 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
         return Ok(());
     }
     let Some(jog) = jog_of_axis_with_most_travel(check) else {
-        check.report_unchecked(
-            CheckPart::Hold,
-            format!(
-                "no linear axis has a collision-free path of {HELD_JOG_LENGTH_MM} mm: \
-            raise Z above the declared bodies"
-            ),
+        let why = format!(
+            "no linear axis has a collision-free path of {HELD_JOG_LENGTH_MM} mm: raise Z above the declared bodies"
         );
+        check.report_unchecked(CheckPart::Hold, why);
         return Ok(());
     };
     if check.prompt_operator(OperatorQuestion::AllowJogWithHold(jog)).await? != OperatorAnswer::Yes {
@@ -158,11 +155,8 @@ async fn judge_hold_and_return_held(
             "the hold has no effect: {axis} moved on by {went_on:.1} mm after the halt, to {gone:.2} of \
             {HELD_JOG_LENGTH_MM} mm"
         );
-        check.report_failed(
-            timer,
-            what,
-            format!("do not start a run on this machine until a hold stops it; {}", hold_remedy()),
-        );
+        let remedy = format!("do not start a run on this machine until a hold stops it; {}", hold_remedy());
+        check.report_failed(timer, what, remedy);
         return Err(CheckEnd::Unsafe);
     }
     let what = format!(

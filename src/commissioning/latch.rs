@@ -61,8 +61,7 @@ fn describe_latch_run(method: &dyn Method, plan_without_steps: Plan) -> Result<S
     });
     Ok(format!(
         "The probe moves to{start} and touches the part there {} times at two feeds, in about {:.0} min. Is \
-        the part at the position in the machine file, is the path free, and is the emergency stop within \
-        reach?",
+        the part at the position in the machine file, is the path free, and is the emergency stop within reach?",
         plan.steps.len(),
         (seconds / 60.0).ceil()
     ))
@@ -130,8 +129,7 @@ fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: 
         LatchDiagnosis::ExcessScatter(_) => check.report_failed(
             timer,
             &result.latch_text,
-            "check that probe, stylus, part and table are tight; a lower search_feed_mm_min causes less \
-            vibration",
+            "check that probe, stylus, part and table are tight; a lower search_feed_mm_min causes less vibration",
         ),
     }
     if let Some(text) = &result.significant_delay_text {
@@ -141,8 +139,7 @@ fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: 
             check.report_failed(
                 timer,
                 text,
-                "set the feed override to 100 %, and switch off the compensation of the probe delay at the \
-                control",
+                "set the feed override to 100 %, and switch off the compensation of the probe delay at the control",
             );
         }
     }
@@ -163,16 +160,11 @@ fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe
         ),
         (None, Some(um)) if !matches!(result.latch_diagnosis, LatchDiagnosis::PlcScan(_)) => {
             let scatter_um = result.slow_touch_std_dev_mm * 1e3;
-            let mut what = format!(
-                "the touches have a standard deviation of {scatter_um:.2} µm; declared are \
-                {um} µm"
-            );
+            let mut what = format!("the touches have a standard deviation of {scatter_um:.2} µm; declared are {um} µm");
             if let Some(bound_mm) = result.max_explained_slow_touch_std_dev_mm {
                 let bound = bound_mm * 1e3;
-                what += &format!(
-                    " (with so few touches, a contradiction is detectable only above \
-                    {bound:.2} µm, χ² test)"
-                );
+                what +=
+                    &format!(" (with so few touches, a contradiction is detectable only above {bound:.2} µm, χ² test)");
             }
             check.report_ok(timer, what);
         }

@@ -57,7 +57,6 @@ pub(super) async fn end_with_link_fault<T>(
 fn active_diagnosis_question() -> OperatorQuestion {
     let what = "The cause is not clear. The check can send requests at other baud rates, with the protocols \
         of other controls and to other unit identifiers. These requests are not commands to a control, but \
-        another device on the link may misinterpret them. Make sure that nothing can move. Send the \
-        requests?";
+        another device on the link may misinterpret them. Make sure that nothing can move. Send the requests?";
     OperatorQuestion::AllowAction { action: what.to_owned() }
 }

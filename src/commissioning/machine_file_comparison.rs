@@ -81,10 +81,7 @@ fn axis_differences(axis: Axis, spec: &StatedAxis, info: &ReportedAxisProperties
                 "the {name} of {axis} exceeds the value of the control: {key} = {stated} in the machine \
                 file, {has} at the control"
             ),
-            remedy: format!(
-                "write {key} = {has} in [axes.{axis}]: the braking distances are computed from \
-                this value"
-            ),
+            remedy: format!("write {key} = {has} in [axes.{axis}]: the braking distances are computed from this value"),
         });
     }
     differences

@@ -117,8 +117,7 @@ impl ProbeInputBehaviour {
             (false, true) => (
                 "the probe input stays closed after the stylus was released: the stylus does not return to \
                 its rest position",
-                "release the stylus and check that the probe reseats; clean the probe, or have its spring \
-                checked",
+                "release the stylus and check that the probe reseats; clean the probe, or have its spring checked",
             ),
             (false, false) => (
                 "the probe input does not close while the stylus is deflected: the probe does not work",

@@ -26,8 +26,7 @@ pub fn describe_question(question: &OperatorQuestion) -> String {
         OperatorQuestion::ObservedJog { jog, visible_motion } => format!(
             "Expected motion: {visible_motion}. Did the axis move like this? Keep clear: the axis moves back \
             after your answer.\ny  yes      r  same distance, opposite direction      n  no motion      ?  \
-            repeat the jog\nX, Y, .. C  this axis moved instead      25  {} moved by {} (-25: opposite \
-            direction)",
+            repeat the jog\nX, Y, .. C  this axis moved instead      25  {} moved by {} (-25: opposite direction)",
             jog.axis,
             format_amount(jog.axis, 25)
         ),
@@ -44,8 +43,7 @@ pub fn describe_question(question: &OperatorQuestion) -> String {
         }
         OperatorQuestion::AllowJogWithHold(jog) => format!(
             "{} will move by {} at {}/min, and the check sends a hold during the motion: the axis should \
-            stop about half-way and stay there.\nIs the path free, and is the emergency stop within reach? \
-            yes / no",
+            stop about half-way and stay there.\nIs the path free, and is the emergency stop within reach? yes / no",
             jog.axis,
             format_signed_amount(jog),
             format_amount(jog.axis, jog.feed_per_min)

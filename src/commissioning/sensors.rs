@@ -78,16 +78,11 @@ fn missing_samples_fault(samples: &[Sample]) -> Option<SensorFault> {
     }
     if missing > 0 {
         let what = format!("loses samples: {missing} are missing, {} were received", samples.len());
-        return Some((
-            what,
-            "check the cable and the data rate of the sensor, and whether the bus is \
-            overloaded",
-        ));
+        return Some((what, "check the cable and the data rate of the sensor, and whether the bus is overloaded"));
     }
     let stale = samples.iter().filter(|sample| sample.flag == ReadingFlag::Stale).count();
     let what = format!("sends no data at times: {stale} of {} samples were not received in time", samples.len());
-    let remedy = "check the cable, the power supply and the rate of the sensor, and whether its time-out is \
-        too short";
+    let remedy = "check the cable, the power supply and the rate of the sensor, and whether its time-out is too short";
     (stale > 0).then_some((what, remedy))
 }
 
@@ -95,11 +90,7 @@ fn noise_fault(declared_noise_um: f64, values: &[f64]) -> Option<SensorFault> {
     let (_, sd) = mean_and_standard_deviation(values)?;
     if values.iter().all(|value| *value == values[0]) && declared_noise_um > 0.0 {
         let what = "reports exactly the same value in every sample".to_owned();
-        return Some((
-            what,
-            "check that the sensor is measuring: check its trigger, its hold input and its \
-            layout",
-        ));
+        return Some((what, "check that the sensor is measuring: check its trigger, its hold input and its layout"));
     }
     let what = format!("has a noise of {:.2} µm; the machine file states noise_um = {declared_noise_um}", 1e3 * sd);
     let remedy = "point the sensor at a clean surface at rest; if the noise stays the same, correct \

@@ -50,8 +50,7 @@ impl SetupError {
             Self::Dialect(error) => Some(error.remedy().to_owned()),
             SetupError::ModeTextRefused(error) => Some(error.remedy()),
             SetupError::RepeatsNotSupported { name } => Some(format!(
-                "omit --repeat; for more readings, increase the numbers in [method.{name}] (balls, \
-                indexations)"
+                "omit --repeat; for more readings, increase the numbers in [method.{name}] (balls, indexations)"
             )),
             Self::MachineFile(_)
             | Self::NoSuchMethod { .. }

@@ -72,10 +72,7 @@ impl MachineFileDraft {
         let topology = self.topology.clone().unwrap_or_else(|| topology::default_topology(&driven));
         let axes = topology::moving_axes(&topology);
         if let Some(missing) = axes.iter().find(|axis| !driven.contains(axis)) {
-            let why = format!(
-                "the topology contains the axis {missing}, but the control does not have this \
-                axis"
-            );
+            let why = format!("the topology contains the axis {missing}, but the control does not have this axis");
             return Err(SetupError::MachineFileDraft { why });
         }
         let reported = |axis: &Axis| axis_template_values(*axis, info.axes.get(axis).copied().unwrap_or_default());

@@ -69,8 +69,7 @@ pub fn sensor_prompt(sensors: &[&Sensor]) -> Option<String> {
     (!mounted.is_empty()).then(|| {
         format!(
             "Mounted without covers: {}. Place the artefact at its position in the machine file and clear the path. \
-            A contact does not stop the machine: keep the emergency stop within reach until the first scan \
-            is read.",
+            A contact does not stop the machine: keep the emergency stop within reach until the first scan is read.",
             mounted.join("; ")
         )
     })

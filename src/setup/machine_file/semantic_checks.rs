@@ -171,12 +171,8 @@ impl TomlDocument {
         self.require_harmonic_orders(&key("error_motion_orders"), &spec.error_motion_orders)?;
         let turns = !axis.is_linear() && axis != Axis::S;
         let has_no_orders = turns || spec.error_motion_orders.is_empty();
-        self.require(
-            has_no_orders,
-            &key("error_motion_orders"),
-            "is allowed for the axes A, B and C only: \
-            remove it",
-        )?;
+        let why = "is allowed for the axes A, B and C only: remove it";
+        self.require(has_no_orders, &key("error_motion_orders"), why)?;
         self.require_not_negative(&key("backlash_um"), spec.backlash_um)?;
         self.require_not_negative(&key("angular_motion_urad"), spec.angular_motion_urad)?;
         let has_no_backlash = axis.is_linear() || spec.backlash_um == 0.0;
@@ -198,8 +194,7 @@ impl TomlDocument {
         let topology = &machine.topology;
         if let Some(axis) = named.iter().find(|axis| !machine.axes.contains_key(axis)) {
             let why = format!(
-                "contains {axis}, but the section [axes.{axis}] is missing: add the section \
-                with the limits of the axis"
+                "contains {axis}, but the section [axes.{axis}] is missing: add the section with the limits of the axis"
             );
             return self.require(false, &["machine", "topology"], &why);
         }
