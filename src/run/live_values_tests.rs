@@ -46,14 +46,14 @@ fn start_tcp_sensor(signal: Arc<Mutex<SensorSignal>>) -> SocketAddr {
 
 /// The built-in machine with its first sensor on a TCP port.
 fn machine_with_sensor(address: SocketAddr) -> MachineFile {
-    let text = setup::built_in_machine_file("multiprobe").text;
+    let built_in = MachineFile::built_in_for_method("multiprobe").unwrap();
     let serial = format!(
         "[sensor.serial]\ntcp = \"{address}\"\ntimeout_s = 0.3\n[sensor.serial.line]\nend = \"\\r\\n\"\n\
          separator = \",\"\ncolumns = 2\n\
          value = {{ column = 2, scale_mm = 1.0, codes = [{{ is = \"-FFFFFFF\", means = \"no-echo\" }}] }}\n"
     );
     let simulated = "simulated = { rate_hz = 1000.0 }\n";
-    MachineFile::parse("shop.toml", text.replacen(simulated, &serial, 1)).unwrap()
+    MachineFile::parse("shop.toml", built_in.text().replacen(simulated, &serial, 1)).unwrap()
 }
 
 /// The signal that the live value results from, and the signal to send next.

@@ -2,22 +2,18 @@
 
 use include_dir::{Dir, include_dir};
 
+use super::machine_file::{MachineFile, MachineFileError};
+
 static CONFIG_FOLDER: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/config");
 
-/// Machine file that is used for a method when the user gives none.
-#[derive(Debug, Clone)]
-pub struct BuiltInMachineFile {
-    /// File name in error messages.
-    pub file_name: String,
-    pub text: &'static str,
-}
-
-/// The machine file for the method `method_name`, or for the first method if the name is unknown.
-pub fn built_in_machine_file(method_name: &str) -> BuiltInMachineFile {
-    let method = methods::method_description(method_name).or(methods::METHOD_DESCRIPTIONS.first());
-    let file = method.map_or("", |method| method.default_machine_file);
-    let text = CONFIG_FOLDER.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
-    BuiltInMachineFile { file_name: format!("{file} (built in)"), text }
+impl MachineFile {
+    /// The built-in machine file for the method `method_name`, or for the first method if the name is unknown.
+    pub fn built_in_for_method(method_name: &str) -> Result<Self, MachineFileError> {
+        let method = methods::method_description(method_name).or(methods::METHOD_DESCRIPTIONS.first());
+        let file = method.map_or("", |method| method.default_machine_file);
+        let text = CONFIG_FOLDER.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
+        Self::parse(&format!("{file} (built in)"), text.to_owned())
+    }
 }
 
 #[cfg(test)]

@@ -18,7 +18,6 @@ mod world;
 use std::path::Path;
 
 pub use self::devices::{Devices, EarlierSessions, machine_dialect, prove_mode_text};
-pub use built_in::{BuiltInMachineFile, built_in_machine_file};
 pub use controls::{configure_control, control_hints, control_kinds};
 pub use draft::MachineFileDraft;
 pub use error::SetupError;

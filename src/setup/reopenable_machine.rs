@@ -33,14 +33,6 @@ impl<'a> ReopenableMachine<'a> {
         Ok(Self { file, machine })
     }
 
-    /// Advances a simulated machine to the time after `history`.
-    pub(super) fn advance_past_sessions(self, history: EarlierSessions<'_>) -> Self {
-        if let MachineKind::Simulated(simulated) = &self.machine {
-            simulated.advance_past_sessions(history);
-        }
-        self
-    }
-
     /// Opens the machine's control. Call inside a tokio runtime. A simulated control is switched off and on
     /// between two openings; its axes keep their positions.
     ///
@@ -70,11 +62,15 @@ impl<'a> ReopenableMachine<'a> {
     }
 }
 
-/// Opens the devices of `file`. Call inside a tokio runtime.
+/// Opens the devices of `file`; a simulated machine is first advanced to the time after `history`. Call inside a tokio runtime.
 pub async fn open_devices(
     file: &MachineFile,
     pace: SimulationPace,
     history: EarlierSessions<'_>,
 ) -> Result<Devices, SetupError> {
-    ReopenableMachine::new(file)?.advance_past_sessions(history).open(pace).await
+    let reopenable = ReopenableMachine::new(file)?;
+    if let MachineKind::Simulated(simulated) = &reopenable.machine {
+        simulated.advance_past_sessions(history);
+    }
+    reopenable.open(pace).await
 }

@@ -70,8 +70,7 @@ impl<'a> SimulatedMachine<'a> {
 
     /// Removes the probe from the spindle, as if a sensor replaced it.
     pub fn remove_probe(&self) {
-        let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
-        world.set_probe_removed(true);
+        self.world.lock().unwrap_or_else(PoisonError::into_inner).set_probe_removed(true);
     }
 
     /// The simulated operator, who observes the true motion.

@@ -62,8 +62,8 @@ impl RunWorkspace {
     /// `more`: text added to the machine file.
     fn new(more: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let text = crate::setup::built_in_machine_file("self-calibration").text;
-        let text = format!("{text}\n[method.self-calibration]\npositions = 5\nrepeats = 2\n{more}");
+        let built_in = MachineFile::built_in_for_method("self-calibration").unwrap();
+        let text = format!("{}\n[method.self-calibration]\npositions = 5\nrepeats = 2\n{more}", built_in.text());
         let file = MachineFile::parse("shop.toml", text).unwrap();
         let journal = Journal::open(folder.path()).unwrap();
         Self { journal_folder: folder, journal, machine_file: file, calls: CallLog::default() }

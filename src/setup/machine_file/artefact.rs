@@ -68,10 +68,8 @@ fn read_artefact_fields<T: DeserializeOwned>(
 }
 
 fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
-    let mut balls: Balls = read_artefact_fields(
-        document,
-        &[&["kind", "file"], &BALL_PLACEMENT_KEYS[..], &DefaultBallData::KEYS[..]].concat(),
-    )?;
+    let other_keys = [&["kind", "file"], &BALL_PLACEMENT_KEYS[..], &DefaultBallData::KEYS[..]].concat();
+    let mut balls: Balls = read_artefact_fields(document, &other_keys)?;
     let wrong = |key: &str, why: &str| document.value_error(&["artefact", key], why);
     let file: Option<String> = read_artefact_key(document, "file")?;
     let table = match file {
@@ -93,7 +91,8 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
                     [[artefact.balls]] instead";
                 return Err(wrong("file", why));
             };
-            Some(BallCsvTable::read(&folder.join(name), &read_default_ball_data(document)?)?)
+            let common: DefaultBallData = document.deserialize_required_section(&["artefact"])?;
+            Some(BallCsvTable::read(&folder.join(name), &common)?)
         }
     };
     if let Some(table) = &table {
@@ -104,10 +103,8 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
         return Err(document.value_error(&["artefact"], why));
     }
     if balls.certificate_u_mm.is_some_and(|u| !(u > 0.0 && u <= MAX_CERTIFICATE_STD_U_MM)) {
-        return Err(wrong(
-            "certificate_u_mm",
-            "must be greater than 0 and at most 0.1: half of the certificate's U (k = 2), in mm",
-        ));
+        let why = "must be greater than 0 and at most 0.1: half of the certificate's U (k = 2), in mm";
+        return Err(wrong("certificate_u_mm", why));
     }
     if balls.u_temperature_k.is_some_and(|u| u < 0.0) {
         return Err(wrong("u_temperature_k", "must not be negative"));
@@ -115,12 +112,10 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
     if balls.uncertainty_mm < 0.0 {
         return Err(wrong("uncertainty_mm", "must not be negative"));
     }
-    let origin_mm = read_artefact_key(document, BALL_PLACEMENT_KEYS[0])?.unwrap_or_default();
-    transform_balls_to_table_frame(
-        &mut balls,
-        origin_mm,
-        read_artefact_key(document, BALL_PLACEMENT_KEYS[1])?.unwrap_or_default(),
-    );
+    let [origin_key, turned_key] = BALL_PLACEMENT_KEYS;
+    let origin_mm = read_artefact_key(document, origin_key)?.unwrap_or_default();
+    let turned_deg = read_artefact_key(document, turned_key)?.unwrap_or_default();
+    transform_balls_to_table_frame(&mut balls, origin_mm, turned_deg);
     artefact::check_balls(&balls).map_err(|fault| artefact_fault_error(document, table.as_ref(), fault))?;
     Ok(balls)
 }
@@ -141,15 +136,6 @@ fn transform_balls_to_table_frame(balls: &mut Balls, origin_mm: [f64; 3], turned
 
 fn read_artefact_key<T: DeserializeOwned>(document: &TomlDocument, name: &str) -> Result<Option<T>, MachineFileError> {
     document.read_section(&["artefact", name], T::deserialize)
-}
-
-fn read_default_ball_data(document: &TomlDocument) -> Result<DefaultBallData, MachineFileError> {
-    Ok(DefaultBallData {
-        radius_mm: read_artefact_key(document, "radius_mm")?,
-        stem: read_artefact_key(document, "stem")?,
-        stem_radius_mm: read_artefact_key(document, "stem_radius_mm")?,
-        stem_length_mm: read_artefact_key(document, "stem_length_mm")?,
-    })
 }
 
 struct BallCsvTable {

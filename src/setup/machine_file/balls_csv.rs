@@ -1,6 +1,8 @@
 //! Balls in a CSV table beside the machine file: a header of column names in any order, then one line per ball;
 //! `#` begins a comment. Properties that all balls share may be in `[artefact]` instead.
 
+use serde::Deserialize;
+
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use super::key_hint;
 use machine::record::artefact::Ball;
@@ -12,7 +14,7 @@ const STEM_COLUMNS: [&str; 5] = ["stem_x", "stem_y", "stem_z", "stem_radius_mm",
 pub type BallWithLineNumber = (Ball, usize);
 
 /// Values of `[artefact]` that replace missing columns and empty cells of the table.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
 pub struct DefaultBallData {
     pub radius_mm: Option<f64>,
     pub stem: Option<[f64; 3]>,

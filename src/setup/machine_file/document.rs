@@ -45,13 +45,7 @@ impl TomlDocument {
 
     /// Names directly below `path`, in the order of the text. Empty if `path` is not a table.
     pub fn key_names(&self, path: &[&str]) -> Result<Vec<String>, MachineFileError> {
-        let mut table = self.parse_root()?;
-        for key in path {
-            match table.remove(*key).map(Spanned::into_inner) {
-                Some(DeValue::Table(inner)) => table = inner,
-                _ => return Ok(Vec::new()),
-            }
-        }
+        let Some(table) = find_table(self.parse_root()?, path) else { return Ok(Vec::new()) };
         let mut names: Vec<_> = table.keys().map(|key| (key.span().start, key.get_ref().to_string())).collect();
         names.sort();
         Ok(names.into_iter().map(|(_, name)| name).collect())
@@ -79,12 +73,9 @@ impl TomlDocument {
         path: &[&str],
         read: impl FnOnce(LocatedValue<'t>) -> Result<R, ValueFault>,
     ) -> Result<Option<R>, MachineFileError> {
-        match find_offset_and_value(self.parse_root()?, path) {
-            None => Ok(None),
-            Some((_, value)) => {
-                deserialize_with_location(value, read).map(Some).map_err(|fault| self.to_file_error(path, fault))
-            }
-        }
+        let found = find_offset_and_value(self.parse_root()?, path);
+        let section = found.map(|(_, value)| deserialize_with_location(value, read)).transpose();
+        section.map_err(|fault| self.to_file_error(path, fault))
     }
 
     /// Passes an empty table to `read`, for a section that the file does not contain.
@@ -123,8 +114,8 @@ impl TomlDocument {
     /// Error at the key `path`, or at its nearest parent in the file.
     pub fn error_at_key(&self, path: &[&str], problem: MachineFileProblem) -> MachineFileError {
         let offset = (1..=path.len()).rev().find_map(|depth| {
-            let root = DeTable::parse(&self.text).ok()?.into_inner();
-            find_offset_and_value(root, &path[..depth]).map(|(offset, _)| offset)
+            let (offset, _) = find_offset_and_value(self.parse_root().ok()?, &path[..depth])?;
+            Some(offset)
         });
         self.error_at_offset(offset, problem)
     }
@@ -161,19 +152,10 @@ impl TomlDocument {
         problem: MachineFileProblem,
     ) -> MachineFileError {
         let list = self.parse_root().ok().and_then(|root| find_offset_and_value(root, path));
-        let entry = list.and_then(|(_, value)| match value.into_inner() {
-            DeValue::Array(entries) => entries.into_iter().nth(index),
-            _ => None,
-        });
-        let offset = entry.map(|entry| {
-            let head = entry.span().start;
-            match entry.into_inner() {
-                DeValue::Table(table) => {
-                    let mut keys = table.into_iter().map(|(key, _)| key);
-                    keys.find(|own| own.get_ref() == key).map_or(head, |own| own.span().start)
-                }
-                _ => head,
-            }
+        let offset = list.and_then(|(_, list)| {
+            let entry = list.get_ref().get(index)?;
+            let key_and_value = entry.get_ref().as_table().and_then(|table| table.get_key_value(key));
+            Some(key_and_value.map_or(entry.span().start, |(key, _)| key.span().start))
         });
         self.error_at_offset(offset, problem)
     }
@@ -215,14 +197,16 @@ fn value_problem(keys: &[&str], why: String) -> MachineFileProblem {
 }
 
 /// Byte offset of the last key of `path`, and its value.
-fn find_offset_and_value<'i>(mut table: DeTable<'i>, path: &[&str]) -> Option<(usize, Spanned<DeValue<'i>>)> {
+fn find_offset_and_value<'i>(root: DeTable<'i>, path: &[&str]) -> Option<(usize, Spanned<DeValue<'i>>)> {
     let (last, parents) = path.split_last()?;
-    for key in parents {
-        match table.remove(*key)?.into_inner() {
-            DeValue::Table(inner) => table = inner,
-            _ => return None,
-        }
-    }
-    let (key, value) = table.into_iter().find(|(key, _)| key.get_ref() == last)?;
+    let (key, value) = find_table(root, parents)?.remove_entry(*last)?;
     Some((key.span().start, value))
+}
+
+/// The table at `path`; `None` if a key is missing or its value is not a table.
+fn find_table<'i>(root: DeTable<'i>, path: &[&str]) -> Option<DeTable<'i>> {
+    path.iter().try_fold(root, |mut table, key| match table.remove(*key)?.into_inner() {
+        DeValue::Table(inner) => Some(inner),
+        _ => None,
+    })
 }

@@ -39,9 +39,9 @@ impl fmt::Display for FileLocation {
 pub enum MachineFileProblem {
     #[error("the file is not valid TOML: {0}")]
     InvalidToml(String),
-    #[error("unknown section [{section}]; {}", key_hint::unknown_key_hint(section, &as_strs(known)))]
+    #[error("unknown section [{section}]; {}", key_hint::unknown_key_hint(section, known))]
     UnknownSection { section: String, known: Vec<String> },
-    #[error("unknown key `{key}` in [{section}]; {}", key_hint::unknown_key_hint(key, &as_strs(known)))]
+    #[error("unknown key `{key}` in [{section}]; {}", key_hint::unknown_key_hint(key, known))]
     UnknownKey { section: String, key: String, known: Vec<String> },
     #[error("the key `{key}` is missing in [{section}]; add it")]
     MissingKey { section: String, key: String },
@@ -55,8 +55,4 @@ pub enum MachineFileProblem {
     InvalidColumn { column: String, why: String },
     #[error("[{section}] {why}")]
     InvalidSection { section: String, why: String },
-}
-
-fn as_strs(words: &[String]) -> Vec<&str> {
-    words.iter().map(String::as_str).collect()
 }

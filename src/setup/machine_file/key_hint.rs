@@ -28,7 +28,7 @@ fn split_quantity_and_unit(key: &str) -> (&str, Option<&'static str>) {
 
 /// The key of `known` that was probably meant: the same quantity in another unit, else the key with the
 /// smallest edit distance (at most a third of its letters).
-pub fn nearest_key<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
+fn nearest_key<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
     let (stem, _) = split_quantity_and_unit(key);
     known.iter().copied().find(|candidate| split_quantity_and_unit(candidate).0 == stem).or_else(|| {
         let edit_distance = |candidate: &str| strsim::damerau_levenshtein(key, candidate);
@@ -38,8 +38,9 @@ pub fn nearest_key<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
 }
 
 /// Hint for an unknown key: `did you mean …?`, or the list of known keys.
-pub fn unknown_key_hint(key: &str, known: &[&str]) -> String {
-    let Some(near) = nearest_key(key, known) else {
+pub fn unknown_key_hint(key: &str, known: &[impl AsRef<str>]) -> String {
+    let known: Vec<&str> = known.iter().map(AsRef::as_ref).collect();
+    let Some(near) = nearest_key(key, &known) else {
         return format!("known keys: {}", known.join(", "));
     };
     match (split_quantity_and_unit(near).1, split_quantity_and_unit(key).1) {

@@ -40,7 +40,6 @@ mod sensor;
 mod tests;
 mod tolerance;
 
-use super::built_in::{BuiltInMachineFile, built_in_machine_file};
 use super::simulated::{SimulatedControlConfig, SimulatedFaults};
 use artefact::ArtefactSource;
 pub use compensation::{CompensationConfig, LinuxcncHalConfig, WorkOffsetConfig};
@@ -100,12 +99,6 @@ pub struct MachineFile {
 }
 
 impl MachineFile {
-    /// The built-in machine file for a method.
-    pub fn built_in_for_method(method: &str) -> Result<Self, MachineFileError> {
-        let BuiltInMachineFile { file_name: file, text } = built_in_machine_file(method);
-        Self::parse(&file, text.to_owned())
-    }
-
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let source = ArtefactSource::FolderOfMachineFile(path.parent().unwrap_or(Path::new("")));
         Self::from_document(TomlDocument::read(path)?, source)
@@ -142,13 +135,11 @@ impl MachineFile {
         assumed_values::fill_assumed_thermal_values(&mut artefact, &mut assumed);
         let prompts = prompt::read_prompts(&document, &machine)?;
         let controller = controller::read_controller(&document)?;
-        let tolerance = tolerance::read_tolerances(&document)?;
-        let compensation = compensation::read_compensation(&document, controller.control.dialect())?;
-        let report_data = report_data::read_report_data(&document)?;
         Ok(Self {
             machine,
+            tolerances: tolerance::read_tolerances(&document)?,
+            compensation: compensation::read_compensation(&document, controller.control.dialect())?,
             controller_section: controller,
-            compensation,
             probe,
             sensors,
             encoder,
@@ -157,9 +148,8 @@ impl MachineFile {
             solids,
             artefact,
             prompts,
-            tolerances: tolerance,
             assumed_keys: assumed,
-            report_data,
+            report_data: report_data::read_report_data(&document)?,
             document,
         })
     }

@@ -29,27 +29,26 @@ pub enum SensorConnection {
 }
 
 impl SensorConnection {
-    fn shared_port(&self) -> Option<SharedPort> {
+    /// `None` for a simulated sensor.
+    fn real(&self) -> Option<&dyn SensorConfig> {
         match self {
             Self::Simulated(_) => None,
-            Self::Real(real) => real.shared_port(),
+            Self::Real(real) => Some(real.as_ref()),
         }
+    }
+
+    fn shared_port(&self) -> Option<SharedPort> {
+        self.real()?.shared_port()
     }
 
     /// Number of counts after which the encoder count in the samples wraps; `None`: the samples have no count.
     pub fn encoder_wrap_count(&self) -> Option<u64> {
-        match self {
-            Self::Simulated(_) => None,
-            Self::Real(real) => real.encoder_modulus(),
-        }
+        self.real()?.encoder_modulus()
     }
 
     /// Address of the sensor (port, host or bus), for display; `simulated` for a simulated sensor.
     pub fn describe_address(&self) -> String {
-        match self {
-            Self::Simulated(_) => "simulated".to_owned(),
-            Self::Real(real) => real.describe_address(),
-        }
+        self.real().map_or_else(|| "simulated".to_owned(), SensorConfig::describe_address)
     }
 }
 

@@ -215,29 +215,24 @@ impl SimulatedControlConfig {
         modes: ProvenModeText,
     ) -> Result<(Controller, Option<SimulatedControlServer>), ControllerError> {
         let machine = setup.machine;
-        if (self.wire, self.protocol) == (ControlWire::Memory, ControlProtocol::Grbl) {
+        if self.protocol != ControlProtocol::Grbl {
+            let served = self.serve(setup)?;
+            let keys = format!("{UNIT_ADDRESS_KEY}{}", served.driver_keys_toml());
+            let config: modbus::ModbusConfig =
+                toml::from_str(&keys).map_err(|error| ControllerError::UnreadableReply { text: error.to_string() })?;
+            return Ok((config.open(machine, modes, Arc::new(HostClock::start())).await?, Some(served)));
+        }
+        let (link, served) = if self.wire == ControlWire::Memory {
             let (near, far) = tokio::io::duplex(WIRE_BUFFER_BYTES);
             let mut firmware = self.grbl_firmware(setup);
             tokio::spawn(async move { drop(firmware.serve(far).await) });
-            let link = LineLink::from_stream("the simulated machine", near);
-            let (driver, halt) = grbl::GrblDriver::new(link, machine, modes);
-            return Ok((Controller::spawn(driver, halt), None));
-        }
-        let served = self.serve(setup)?;
-        let controller = match self.protocol {
-            ControlProtocol::Grbl => {
-                let link = link::open_line_link(&served.address.resolve_address()?).await?;
-                let (driver, halt) = grbl::GrblDriver::new(link, machine, modes);
-                Controller::spawn(driver, halt)
-            }
-            ControlProtocol::Modbus | ControlProtocol::ModbusProgram => {
-                let keys = format!("{UNIT_ADDRESS_KEY}{}", served.driver_keys_toml());
-                let config: modbus::ModbusConfig = toml::from_str(&keys)
-                    .map_err(|error| ControllerError::UnreadableReply { text: error.to_string() })?;
-                config.open(machine, modes, Arc::new(HostClock::start())).await?
-            }
+            (LineLink::from_stream("the simulated machine", near), None)
+        } else {
+            let served = self.serve(setup)?;
+            (link::open_line_link(&served.address.resolve_address()?).await?, Some(served))
         };
-        Ok((controller, Some(served)))
+        let (driver, halt) = grbl::GrblDriver::new(link, machine, modes);
+        Ok((Controller::spawn(driver, halt), served))
     }
 
     /// Serves the control on a wire of its own: a TCP port of this computer, or a new pseudo-terminal.
