@@ -310,12 +310,11 @@ impl SimulatedWorld {
     }
 
     fn move_path_to(&self, to: &Position, speed: Speed) -> Option<MovePath> {
-        let max_travel_ratio = self.true_wiring.max_true_travel_ratio();
         let lever_arm = |axis, at: &Position| self.scene.max_stylus_distance_from_axis(axis, at);
         let limits = MoveBounds {
             stated_axes: &self.stated_axes,
             max_stylus_distance_from_axis: &lever_arm,
-            max_true_travel_ratio: max_travel_ratio,
+            max_true_travel_ratio: self.true_wiring.max_true_travel_ratio(),
         };
         MovePath::new(&self.commanded_position, to, speed, &self.lost_motion, &limits)
     }
@@ -334,11 +333,8 @@ impl SimulatedWorld {
             return f64::MAX;
         }
         let (axes, command) = self.true_positions_with_and_without_lost_motion(path, fraction);
-        self.scene.stylus_clearance(
-            &axes,
-            &command,
-            self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction),
-        )
+        let t_s = self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction);
+        self.scene.stylus_clearance(&axes, &command, t_s)
     }
 
     /// True axis positions, with and without lost motion.

@@ -59,11 +59,8 @@ impl SensorView<'_> {
         let start = self.carrier_and_table.carrier_to_table_point(origin + along * near);
         let direction = self.carrier_and_table.carrier_to_table_direction(along);
         let nearest = |fraction: f64| {
-            self.measured_object.nearest(
-                start + direction * (fraction * length),
-                self.radius_growth_mm,
-                self.world_time_s,
-            )
+            let point = start + direction * (fraction * length);
+            self.measured_object.nearest(point, self.radius_growth_mm, self.world_time_s)
         };
         // The distance to a surface falls no faster than the line advances.
         let fraction = first_zero_crossing_fraction(|fraction| nearest(fraction).signed_distance, length, 0.0)

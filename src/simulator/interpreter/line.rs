@@ -1,5 +1,7 @@
 //! The words of one line, sorted by purpose.
 
+use std::collections::BTreeSet;
+
 use super::words::GrblErrorCode;
 use machine::Axis;
 
@@ -24,8 +26,8 @@ pub(super) enum NonModalCode {
 /// The words of one line, sorted by purpose.
 #[derive(Debug, Default)]
 pub(super) struct LineWords {
-    used_modal_groups: Vec<u8>,
-    used_letters: Vec<char>,
+    used_modal_groups: BTreeSet<u8>,
+    used_letters: BTreeSet<char>,
     pub axis_words: Vec<(Axis, f64)>,
     pub motion: Option<MotionMode>,
     pub non_modal_code: Option<NonModalCode>,
@@ -47,19 +49,11 @@ impl LineWords {
 
     /// Rejects a second word with the same letter in a line, except G and M.
     pub(super) fn add_unique_letter(&mut self, letter: char) -> Result<(), GrblErrorCode> {
-        if self.used_letters.contains(&letter) {
-            return Err(25);
-        }
-        self.used_letters.push(letter);
-        Ok(())
+        if self.used_letters.insert(letter) { Ok(()) } else { Err(25) }
     }
 
     /// Rejects a second word of the same modal group in a line.
     pub(super) fn add_unique_modal_group(&mut self, group: u8) -> Result<(), GrblErrorCode> {
-        if self.used_modal_groups.contains(&group) {
-            return Err(21);
-        }
-        self.used_modal_groups.push(group);
-        Ok(())
+        if self.used_modal_groups.insert(group) { Ok(()) } else { Err(21) }
     }
 }

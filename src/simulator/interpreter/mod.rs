@@ -22,7 +22,7 @@ use machine::{Axis, Position};
 pub struct Interpreter {
     axes: Vec<Axis>,
     travel_limits: BTreeMap<Axis, (f64, f64)>,
-    modal_state: ModalState,
+    pub(crate) modal_state: ModalState,
 }
 
 /// Action that a line requests.
@@ -62,16 +62,6 @@ impl Interpreter {
             Some(job) if job.target().is_some_and(|to| !self.is_within_limits(to)) => LineAction::OutOfTravel,
             Some(job) => LineAction::Execute(job),
         })
-    }
-
-    /// The active modes, as in Grbl's answer to `$G`, without the brackets.
-    pub fn modes_report(&self) -> String {
-        self.modal_state.modes_report()
-    }
-
-    /// Names and offsets, as in Grbl's answer to `$#`.
-    pub fn named_offsets(&self) -> Vec<(String, Position)> {
-        self.modal_state.named_offsets()
     }
 
     /// Whether `to` is within the travel of all axes.

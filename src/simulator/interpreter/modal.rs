@@ -10,7 +10,7 @@ const MM_PER_INCH: f64 = 25.4;
 const COORDINATE_SYSTEM_COUNT: usize = 6;
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct ModalState {
+pub(crate) struct ModalState {
     motion_mode: MotionMode,
     pub(super) uses_inches: bool,
     pub(super) is_relative: bool,
@@ -39,8 +39,8 @@ impl Default for ModalState {
 }
 
 impl ModalState {
-    /// The answer to `$G`, without the brackets.
-    pub(super) fn modes_report(&self) -> String {
+    /// The active modes, as in Grbl's answer to `$G`, without the brackets.
+    pub(crate) fn modes_report(&self) -> String {
         let motion = match self.motion_mode {
             MotionMode::Rapid => "G0",
             MotionMode::Feed => "G1",
@@ -57,8 +57,8 @@ impl ModalState {
         )
     }
 
-    /// The answer to `$#`: names and offsets.
-    pub(super) fn named_offsets(&self) -> Vec<(String, Position)> {
+    /// Names and offsets, as in Grbl's answer to `$#`.
+    pub(crate) fn named_offsets(&self) -> Vec<(String, Position)> {
         let coordinate_systems = self.offsets.iter().enumerate();
         coordinate_systems
             .map(|(coordinate_system, offset)| (format!("G{}", 54 + coordinate_system), offset.clone()))

@@ -152,10 +152,8 @@ impl Firmware {
 
     /// Raises a spontaneous alarm; the line is not executed.
     fn raise_spontaneous_alarm(&mut self, code: u8) {
-        self.send_line(&format!("ALARM:{code}"));
-        self.stop_at_current_position();
         let needs_reset = matches!(code, ALARM_HARD_LIMIT | ALARM_SOFT_LIMIT | ALARM_E_STOP);
-        self.alarm_lock = Some(if needs_reset { AlarmLock::NeedsReset } else { AlarmLock::Unlockable });
+        self.raise_alarm(code, if needs_reset { AlarmLock::NeedsReset } else { AlarmLock::Unlockable });
         if !needs_reset {
             self.send_ok();
         }

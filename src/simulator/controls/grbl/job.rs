@@ -17,9 +17,7 @@ impl Firmware {
     pub(super) fn start_next_job(&mut self) {
         let Some(job) = self.job_queue.pop_front() else { return };
         if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
-            self.send_line(&format!("ALARM:{ALARM_PROBE_CLOSED}"));
-            self.stop_at_current_position();
-            self.alarm_lock = Some(AlarmLock::Unlockable);
+            self.raise_alarm(ALARM_PROBE_CLOSED, AlarmLock::Unlockable);
             return self.send_ok();
         }
         if self.executor.start_job_and_check_brush(job, self.time_since_start) {
@@ -73,9 +71,7 @@ impl Firmware {
     /// A drive that is pressed against an obstacle stalls; the control reports a hard limit.
     fn alarm_if_crashed(&mut self, has_crashed: bool) {
         if has_crashed {
-            self.send_line(&format!("ALARM:{ALARM_HARD_LIMIT}"));
-            self.stop_at_current_position();
-            self.alarm_lock = Some(AlarmLock::NeedsReset);
+            self.raise_alarm(ALARM_HARD_LIMIT, AlarmLock::NeedsReset);
         }
     }
 

@@ -259,15 +259,18 @@ impl Firmware {
         let moving = self.is_moving();
         self.hold();
         self.is_held = false;
-        self.send_line(&format!("ALARM:{ALARM_SOFT_LIMIT}"));
-        self.stop_at_current_position();
-        if moving {
-            self.alarm_lock = Some(AlarmLock::SilentUntilReset);
-            return true;
+        self.raise_alarm(ALARM_SOFT_LIMIT, if moving { AlarmLock::SilentUntilReset } else { AlarmLock::NeedsReset });
+        if !moving {
+            self.send_line("[MSG:Reset to continue]");
         }
-        self.send_line("[MSG:Reset to continue]");
-        self.alarm_lock = Some(AlarmLock::NeedsReset);
-        false
+        moving
+    }
+
+    /// Reports the alarm, discards all motion and locks the control.
+    fn raise_alarm(&mut self, code: u8, lock: AlarmLock) {
+        self.send_line(&format!("ALARM:{code}"));
+        self.stop_at_current_position();
+        self.alarm_lock = Some(lock);
     }
 
     fn is_moving(&self) -> bool {

@@ -110,7 +110,7 @@ impl Firmware {
     pub(super) fn run_dollar_command(&mut self, command: &str) {
         match command.to_ascii_uppercase().as_str() {
             "I" => self.send_build_info(),
-            "G" => self.send_line(&format!("[{}]", self.options.interpreter.modes_report())),
+            "G" => self.send_line(&format!("[{}]", self.options.interpreter.modal_state.modes_report())),
             "#" => self.send_offsets(),
             "$" => self.send_settings(),
             "H" | "X" if self.alarm_lock == Some(AlarmLock::NeedsReset) => return self.send_error(79),
@@ -153,7 +153,7 @@ impl Firmware {
     }
 
     fn send_offsets(&mut self) {
-        for (name, offset) in self.options.interpreter.named_offsets() {
+        for (name, offset) in self.options.interpreter.modal_state.named_offsets() {
             self.send_line(&format!("[{name}:{}]", self.format_axis_values(&offset)));
         }
         let home = self.format_axis_values(&Position::new());

@@ -93,10 +93,6 @@ impl SimulatedResidentProgram {
         self.current_row_number.checked_sub(1).and_then(|index| self.rows.get(index))
     }
 
-    fn is_current_row_touch(&self) -> bool {
-        self.current_row().is_some_and(|row| row.kind == RowKind::Touch)
-    }
-
     /// Advances to the next row; returns whether there is one.
     fn advance_to_next_row(&mut self) -> bool {
         self.current_row_number =
@@ -172,7 +168,7 @@ impl Firmware {
         if row.kind == RowKind::Feed && self.executor.is_probe_closed() {
             return self.raise_alarm(super::ALARM_PROBE_STILL_CLOSED);
         }
-        if resident.is_current_row_touch() || ends {
+        if row.kind == RowKind::Touch || ends {
             self.publish_result(contact == Some(true));
         }
         let Some(resident) = &mut self.resident_program else { return };

@@ -50,12 +50,8 @@ impl Service for FirmwareServer {
     }
 }
 
-fn firmware_server_and_cut_signal(firmware: Firmware, unit: Option<u8>) -> (FirmwareServer, Arc<Notify>) {
-    let cut = firmware.cut_signal.clone();
-    (
-        FirmwareServer { firmware: Arc::new(Mutex::new(firmware)), start_instant: Instant::now(), answered_unit: unit },
-        cut,
-    )
+fn firmware_server(firmware: Firmware, answered_unit: Option<u8>) -> FirmwareServer {
+    FirmwareServer { firmware: Arc::new(Mutex::new(firmware)), start_instant: Instant::now(), answered_unit }
 }
 
 /// Serves every client that connects, until dropped.
@@ -63,7 +59,8 @@ fn firmware_server_and_cut_signal(firmware: Firmware, unit: Option<u8>) -> (Firm
 /// # Errors
 /// The listener fails.
 pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<()> {
-    let (server, cut) = firmware_server_and_cut_signal(firmware, None);
+    let cut = firmware.cut_signal.clone();
+    let server = firmware_server(firmware, None);
     let connected = |stream: TcpStream, _| {
         let (server, cut) = (server.clone(), cut.clone());
         async move {
@@ -93,6 +90,5 @@ fn cuttable_stream(mut stream: TcpStream, cut_signal: Arc<Notify>) -> DuplexStre
 /// # Errors
 /// The serial line fails.
 pub async fn serve_rtu(firmware: Firmware, line: SerialStream) -> io::Result<()> {
-    let (server, _) = firmware_server_and_cut_signal(firmware, Some(RTU_UNIT_ADDRESS));
-    rtu::Server::new(line).serve_forever(server).await
+    rtu::Server::new(line).serve_forever(firmware_server(firmware, Some(RTU_UNIT_ADDRESS))).await
 }
