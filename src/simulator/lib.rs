@@ -214,7 +214,7 @@ impl SimulatedWorld {
     /// Mounts a datum cylinder again on its indexing stage, turned by this angle against its first mounting,
     /// counter-clockwise seen from its tip. Does nothing with another artefact.
     pub fn remount_datum_cylinder(&mut self, turn_deg: f64) {
-        self.scene.remount_datum_cylinder(turn_deg);
+        self.scene.surface.remount_datum_cylinder(turn_deg);
     }
 
     /// Deflects the stylus by hand, or releases it.
@@ -230,8 +230,8 @@ impl SimulatedWorld {
         };
         let has_touched = self.probe_closes_on_path(&path);
         let stylus_travel_left = |fraction| self.stylus_clearance_on_path(&path, fraction) + self.stylus_overtravel_mm;
-        let has_crashed = first_zero_crossing_fraction(stylus_travel_left, path.max_stylus_travel_mm(), 0.0).is_some();
-        let duration_s = path.velocity_profile().duration_s();
+        let has_crashed = first_zero_crossing_fraction(stylus_travel_left, path.max_stylus_travel_mm, 0.0).is_some();
+        let duration_s = path.velocity_profile.duration_s();
         self.finish_move(&path, 1.0, duration_s);
         MoveResult { has_probe_closed: has_touched, has_crashed, duration_s }
     }
@@ -258,16 +258,16 @@ impl SimulatedWorld {
         };
         let contact = first_zero_crossing_fraction(
             |fraction| self.trigger_distance_on_path(&path, fraction),
-            path.max_stylus_travel_mm(),
+            path.max_stylus_travel_mm,
             0.0,
         );
         match contact.filter(|_| self.true_wiring.probe_input_reacts_to_contact()) {
             Some(fraction) => {
                 let late_s = (self.latch_delay.delay_ms + scan_phase * self.latch_delay.scan_ms) * 1e-3;
-                self.stop_on_contact(&path, path.velocity_profile().fraction_after(fraction, late_s))
+                self.stop_on_contact(&path, path.velocity_profile.fraction_after(fraction, late_s))
             }
             None => {
-                let duration_s = path.velocity_profile().duration_s();
+                let duration_s = path.velocity_profile.duration_s();
                 self.finish_move(&path, 1.0, duration_s);
                 ProbeResult { duration_s, ..ProbeResult::default() }
             }
@@ -284,12 +284,12 @@ impl SimulatedWorld {
     }
 
     fn stop_on_contact(&mut self, path: &MovePath, fraction: f64) -> ProbeResult {
-        let t_s = self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction);
+        let t_s = self.simulated_time_s + path.velocity_profile.time_at_fraction_s(fraction);
         let contact = LatchedContact {
             latched_position: self.rounded_to_resolution(&path.command_at_fraction(fraction)),
             latch_time_s: t_s,
         };
-        let (rest, duration_s) = path.velocity_profile().rest_fraction_and_time_s(fraction);
+        let (rest, duration_s) = path.velocity_profile.rest_fraction_and_time_s(fraction);
         let has_crashed = self.stylus_clearance_on_path(path, rest) < -self.stylus_overtravel_mm;
         self.finish_move(path, rest, duration_s);
         ProbeResult { contact: Some(contact), has_crashed, duration_s }
@@ -298,7 +298,7 @@ impl SimulatedWorld {
     /// Whether the probe closes during the move; if the move starts in contact, the probe must open first.
     fn probe_closes_on_path(&self, path: &MovePath) -> bool {
         let margin = |fraction| self.trigger_distance_on_path(path, fraction);
-        let max_slope_mm = path.max_stylus_travel_mm();
+        let max_slope_mm = path.max_stylus_travel_mm;
         let open = if margin(0.0) > 0.0 {
             Some(0.0)
         } else {
@@ -324,7 +324,7 @@ impl SimulatedWorld {
             return f64::MAX;
         }
         let (axes, command) = self.true_positions_with_and_without_lost_motion(path, fraction);
-        let t_s = self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction);
+        let t_s = self.simulated_time_s + path.velocity_profile.time_at_fraction_s(fraction);
         self.scene.trigger_distance(&axes, &command, t_s) + self.current_touch_scatter_mm
     }
 
@@ -333,7 +333,7 @@ impl SimulatedWorld {
             return f64::MAX;
         }
         let (axes, command) = self.true_positions_with_and_without_lost_motion(path, fraction);
-        let t_s = self.simulated_time_s + path.velocity_profile().time_at_fraction_s(fraction);
+        let t_s = self.simulated_time_s + path.velocity_profile.time_at_fraction_s(fraction);
         self.scene.stylus_clearance(&axes, &command, t_s)
     }
 

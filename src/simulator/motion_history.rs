@@ -34,6 +34,6 @@ impl MotionHistory {
     pub fn path_and_fraction_at(&self, t_s: f64) -> Option<(&MovePath, f64)> {
         let last_begun = self.moves.iter().rev().find(|recorded| recorded.start_s <= t_s);
         let RecordedMove { start_s, path, fraction_at_rest: end_fraction } = last_begun.or(self.moves.front())?;
-        Some((path, path.velocity_profile().fraction_after(0.0, t_s - start_s).min(*end_fraction)))
+        Some((path, path.velocity_profile.fraction_after(0.0, t_s - start_s).min(*end_fraction)))
     }
 }

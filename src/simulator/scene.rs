@@ -35,7 +35,7 @@ pub(super) struct TrueScene {
     true_stylus_centre: Vector3<f64>,
     stylus_ball_radius: f64,
     lobing: ProbeLobing,
-    surface: ArtefactSurface,
+    pub surface: ArtefactSurface,
     table_sag: TableSag,
     /// Upper bound of the distance of a rotary axis from the machine's origin.
     max_rotary_axis_distance_from_origin_mm: f64,
@@ -80,12 +80,6 @@ impl TrueScene {
     /// Axes of the machine, including the spindle where it can be oriented.
     pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
         self.chain.topology().axes()
-    }
-
-    /// Mounts a datum cylinder again on its indexing stage, turned by `turn_deg` against its first mounting. Does
-    /// nothing with another artefact.
-    pub fn remount_datum_cylinder(&mut self, turn_deg: f64) {
-        self.surface.remount_datum_cylinder(turn_deg);
     }
 
     /// Distance between ball and surface (negative: overlap), mm. `axes`: true axis positions, backlash

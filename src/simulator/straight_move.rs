@@ -55,8 +55,9 @@ pub(super) struct MovePath {
     travel_by_axis: Position,
     /// Target of the axes that move.
     target: Position,
-    velocity_profile: VelocityProfile,
-    max_stylus_travel_mm: f64,
+    pub velocity_profile: VelocityProfile,
+    /// Upper bound of the ball's travel over the whole path, mm.
+    pub max_stylus_travel_mm: f64,
     lost_motion: LostMotion,
 }
 
@@ -89,15 +90,6 @@ impl MovePath {
             max_stylus_travel_mm: max_ball_travel_mm,
             lost_motion: lost_motion.clone(),
         })
-    }
-
-    pub fn velocity_profile(&self) -> &VelocityProfile {
-        &self.velocity_profile
-    }
-
-    /// Upper bound of the ball's travel over the whole path, mm.
-    pub fn max_stylus_travel_mm(&self) -> f64 {
-        self.max_stylus_travel_mm
     }
 
     /// Commanded position at the path fraction; exactly the target at the end.

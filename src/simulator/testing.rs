@@ -57,7 +57,7 @@ impl SimulatedWorld {
         let (Some(number), Some(path)) = (self.sensor_index(name), self.move_path_to(to, speed)) else {
             return Vec::new();
         };
-        let (start_s, lasts_s) = (self.simulated_time_s, path.velocity_profile().duration_s());
+        let (start_s, lasts_s) = (self.simulated_time_s, path.velocity_profile.duration_s());
         self.motion_history.record_move(start_s, &path, 1.0);
         let (mut samples, mut t_s) = (Vec::new(), start_s);
         while let Some(elapsed_s) = self.time_to_next_sample_s(number, period_s) {

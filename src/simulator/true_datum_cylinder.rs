@@ -116,7 +116,7 @@ impl TrueDatumCylinder {
             TrueCylinder::new(foot + axis * from, axis, to - from, profile.clone()).rotated_about_axis(turn)
         };
         let sections: Vec<TrueCylinder> = self.profiles.iter().enumerate().map(section).collect();
-        let frame = sections.first().map_or(Rotation3::identity(), |section| *section.frame());
+        let frame = sections.first().map_or(Rotation3::identity(), |section| section.frame);
         MountedDatumCylinder { true_cross_sections: sections, axis_foot: foot, frame }
     }
 

@@ -24,7 +24,7 @@ pub(super) struct TrueCylinder {
     /// Centre of the lower end.
     axis_foot: Vector3<f64>,
     /// Columns: the x, y and axis directions of the artefact.
-    frame: Rotation3<f64>,
+    pub frame: Rotation3<f64>,
     height: f64,
     profile: RadiusProfile,
 }
@@ -42,11 +42,6 @@ impl TrueCylinder {
     pub fn rotated_about_axis(self, angle: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         Self { frame: self.frame * turn, ..self }
-    }
-
-    /// Columns: the x, y and axis directions of the artefact.
-    pub fn frame(&self) -> &Rotation3<f64> {
-        &self.frame
     }
 
     /// Lower bound of the distance between `point` (table frame) and the solid.

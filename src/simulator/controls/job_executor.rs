@@ -61,7 +61,7 @@ impl JobExecutor {
     /// Ends the active job.
     pub fn finish_job(&mut self) -> Option<(Job, JobResult)> {
         let active = self.active_job.take()?;
-        let result = self.with_world(|world| active.finish(world, self.probe_fault));
+        let result = self.with_world(|world| active.job.run(world, self.probe_fault));
         Some((active.job, result))
     }
 

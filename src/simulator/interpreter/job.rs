@@ -124,11 +124,6 @@ impl ActiveJob {
         Self { job, from, start_time: now, end_time: now + duration, end_position }
     }
 
-    /// Ends the job.
-    pub fn finish(&self, world: &mut SimulatedWorld, probe_fault: ProbeInputFault) -> JobResult {
-        self.job.run(world, probe_fault)
-    }
-
     /// Stops the job at its current position; returns the remaining job.
     pub fn hold(self, world: &mut SimulatedWorld, now: Duration) -> Job {
         let (at, fraction) = (self.position_at(now), self.elapsed_fraction(now));
@@ -184,7 +179,8 @@ impl Job {
         !matches!(self, Job::Travel { .. })
     }
 
-    fn run(&self, world: &mut SimulatedWorld, probe_fault: ProbeInputFault) -> JobResult {
+    /// Runs the whole job at once.
+    pub(crate) fn run(&self, world: &mut SimulatedWorld, probe_fault: ProbeInputFault) -> JobResult {
         match self {
             Job::Travel { to, feed_mm_min } => {
                 let speed = feed_mm_min.map_or(Speed::Rapid, |mm_min| Speed::Feed { mm_min });

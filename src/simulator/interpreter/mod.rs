@@ -20,7 +20,8 @@ use machine::{Axis, Position};
 /// Axes and travel of one control, and its modal state.
 #[derive(Debug, Clone)]
 pub struct Interpreter {
-    axes: Vec<Axis>,
+    /// Axes of the control, in the order of the reports.
+    pub(crate) axes: Vec<Axis>,
     travel_limits: BTreeMap<Axis, (f64, f64)>,
     pub(crate) modal_state: ModalState,
 }
@@ -44,11 +45,6 @@ impl Interpreter {
             .map(|(axis, spec)| (*axis, (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max))))
             .collect();
         Self { axes: limits.keys().copied().collect(), travel_limits: limits, modal_state: ModalState::default() }
-    }
-
-    /// Axes of the control, in the order of the reports.
-    pub fn axes(&self) -> &[Axis] {
-        &self.axes
     }
 
     /// Action that `line` requests. `here`: position of the machine after all earlier motion.

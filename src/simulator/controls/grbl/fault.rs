@@ -79,8 +79,7 @@ impl Firmware {
     /// Executes `line`, with the fault that is due, if any.
     pub(super) fn execute_line_or_fault(&mut self, line: &str) {
         self.received_line_count += 1;
-        let (lines, touches) = (self.received_line_count, self.contact_count);
-        let due = |fault: &Fault| fault.at_line <= lines && fault.after_touch <= touches;
+        let due = |fault: &Fault| fault.at_line <= self.received_line_count && fault.after_touch <= self.contact_count;
         match self.options.faults.iter().position(due) {
             Some(index) => {
                 let fault = self.options.faults.remove(index);

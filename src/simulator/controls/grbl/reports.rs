@@ -51,7 +51,7 @@ impl Firmware {
 
     /// Axis values as reports print them: lengths in the report's unit, angles in degrees, three decimals.
     pub(super) fn format_axis_values(&self, position: &Position) -> String {
-        let values = self.options.interpreter.axes().iter().map(|axis| {
+        let values = self.options.interpreter.axes.iter().map(|axis| {
             let scale = if axis.is_linear() { self.length_unit_mm() } else { 1.0 };
             let text = format!("{:.3}", axis.to_mm_or_deg(position.get_or_zero(*axis)) / scale);
             if text == "-0.000" { "0.000".to_owned() } else { text }
@@ -141,11 +141,11 @@ impl Firmware {
 
     /// Bit mask of the homed axes.
     fn homed_axes_mask(&self) -> u32 {
-        if self.is_homed { (1 << self.options.interpreter.axes().len()) - 1 } else { 0 }
+        if self.is_homed { (1 << self.options.interpreter.axes.len()) - 1 } else { 0 }
     }
 
     fn send_build_info(&mut self) {
-        let letters: String = self.options.interpreter.axes().iter().map(|axis| axis.letter()).collect();
+        let letters: String = self.options.interpreter.axes.iter().map(|axis| axis.letter()).collect();
         let count = letters.len();
         self.send_line(&format!("[VER:{BUILD_VERSION}:]"));
         self.send_line(&format!("[OPT:VNML+,{PLANNER_BLOCK_COUNT},{RX_BUFFER_BYTES},{count},0]"));

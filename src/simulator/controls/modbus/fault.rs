@@ -164,14 +164,12 @@ impl Firmware {
         if self.is_hung {
             return without_delay(None);
         }
-        let (request_count, accepted_chunk_count, contact_count) =
-            (self.request_count, self.accepted_chunk_count, self.contact_count);
         let has_previous_result =
             self.resident_program.as_ref().is_some_and(|resident| resident.previous_result_slot.is_some());
         let due = |fault: &Fault| {
-            fault.at_request <= request_count
-                && fault.min_accepted_chunks <= accepted_chunk_count
-                && fault.after_touch <= contact_count
+            fault.at_request <= self.request_count
+                && fault.min_accepted_chunks <= self.accepted_chunk_count
+                && fault.after_touch <= self.contact_count
                 && fault.kind.affects(request)
                 && (fault.kind != FaultKind::StaleResult || has_previous_result)
         };
