@@ -26,8 +26,8 @@ pub struct SensorTruth {
     pub spot_mm: f64,
     /// Added distance on a surface at 45° to the beam; proportional to the squared tangent of the angle.
     pub incidence_um: f64,
-    /// Added distance by the tilt of the surface along the two axes of `tilt_urad`; proportional to the
-    /// tangent, with its sign: positive where the surface recedes along the axis.
+    /// Added distance on a surface that is tilted by 45° along each of the two axes of `tilt_urad`. It is proportional to
+    /// the tangent of the tilt, and positive where the surface recedes along the axis.
     pub lean_um: [f64; 2],
     /// Angle between beam and surface normal above which no light comes back.
     pub echo_limit_deg: f64,

@@ -30,7 +30,7 @@ pub enum ControllerError {
     #[error("step {step}: the target is outside the travel limits of the control: {message}")]
     OutOfTravel { step: u32, message: String },
     #[error("step {step}: the motion task of the control was late, and the control stopped the program: {message}")]
-    MotionTaskLate { step: u32, message: String },
+    RealTimeTaskLate { step: u32, message: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
     /// A device replies, but not as this kind of control does.
@@ -125,7 +125,7 @@ impl ControllerError {
     pub fn failed_step(&self) -> Option<u32> {
         match self {
             Self::OutOfTravel { step, .. }
-            | ControllerError::MotionTaskLate { step, .. }
+            | ControllerError::RealTimeTaskLate { step, .. }
             | Self::NoContact { step }
             | Self::UnexpectedContact { step }
             | Self::ProbeStillClosed { step }
@@ -163,7 +163,7 @@ impl ControllerError {
             | ControllerError::ControlFrozen
             | Self::HoldFailed { .. }
             | Self::OutOfTravel { .. }
-            | ControllerError::MotionTaskLate { .. } => self.rejection_remedy(),
+            | ControllerError::RealTimeTaskLate { .. } => self.rejection_remedy(),
             Self::InvalidTimestamp { .. } => {
                 "the touch was discarded. Modbus: compare `type`, `order`, `scale` and address of \
                  latch_time_s and time_s in [controller.registers.status] with the control's program; \
@@ -256,7 +256,7 @@ impl ControllerError {
                  executes a hold; home the machine"
             }
             Self::OutOfTravel { .. } => "set [axes] min and max to the limits of the control, or move the part",
-            ControllerError::MotionTaskLate { .. } => {
+            ControllerError::RealTimeTaskLate { .. } => {
                 "no reading is lost: start again. If this error occurs again, the computer of the control is too \
                  slow for its servo thread: run latency-test there, use a realtime kernel, close other programs"
             }

@@ -33,7 +33,7 @@ impl FoundBalls {
         setup: &MeasurementSetup<'_>,
         all: impl IntoIterator<Item = &'t BallReadings<'r>>,
     ) -> Self {
-        // References and the watch repeat a visit whose result is already stored.
+        // References and the rest check repeat a visit whose result is already stored.
         let is_new = |measurement: &&BallReadings<'_>| {
             matches!(measurement.label.purpose, MeasurementPurpose::Find | MeasurementPurpose::Slow)
         };

@@ -13,7 +13,7 @@ use machine::record::reading::Reading;
 
 /// Minimum number of rounds for the creep rate and its scatter.
 const MIN_REST_CHECK_ROUNDS: usize = 5;
-/// Maximum duration of the watch, as a multiple of the requested duration.
+/// Maximum duration of the rest check, as a multiple of the requested duration.
 const MAX_REST_CHECK_DURATION_RATIO: f64 = 6.0;
 
 /// Creep rate of the ball along one axis.
@@ -25,16 +25,16 @@ struct Creep {
     rate_expanded_uncertainty_mm_per_s: f64,
 }
 
-/// Whether another round is needed: neither the rounds of the last `watch_s` nor all rounds show that the
+/// Whether another round is needed: neither the rounds of the last `min_rest_check_s` nor all rounds show that the
 /// machine creeps no faster than declared.
 ///
 /// # Errors
 /// The machine still creeps after [`MAX_REST_CHECK_DURATION_RATIO`] times the requested duration. In a resumed run
 /// the check begins again: rounds before the interruption do not count.
 pub fn needs_rest_check_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
-    let watch_s = setup.touch_settings.min_rest_check_s;
-    // The watch ends when the measurement begins, also for a resumed run.
-    if watch_s <= 0.0 || has_measurement_begun(setup) {
+    let min_rest_check_s = setup.touch_settings.min_rest_check_s;
+    // The rest check ends when the measurement begins, also for a resumed run.
+    if min_rest_check_s <= 0.0 || has_measurement_begun(setup) {
         return Ok(false);
     }
     let resumed_s = setup.plan.interruption_times_s.last().copied().unwrap_or(f64::NEG_INFINITY);
@@ -42,11 +42,11 @@ pub fn needs_rest_check_round(setup: &MeasurementSetup<'_>, readings: &[Reading]
     let (Some((first_s, _)), Some((last_s, _))) = (rounds.first(), rounds.last()) else {
         return Ok(true);
     };
-    let watched_s = last_s - first_s;
-    if watched_s < watch_s || rounds.len() < MIN_REST_CHECK_ROUNDS {
+    let rest_check_s = last_s - first_s;
+    if rest_check_s < min_rest_check_s || rounds.len() < MIN_REST_CHECK_ROUNDS {
         return Ok(true);
     }
-    let older = rounds.partition_point(|(t_s, _)| last_s - t_s > watch_s);
+    let older = rounds.partition_point(|(t_s, _)| last_s - t_s > min_rest_check_s);
     let newest = &rounds[older.min(rounds.len() - MIN_REST_CHECK_ROUNDS)..];
     // The declared rate is a standard deviation; k = 2.
     let allowed = 2.0 * drift_rate_sd_mm_per_s(setup.plan);
@@ -58,11 +58,11 @@ pub fn needs_rest_check_round(setup: &MeasurementSetup<'_>, readings: &[Reading]
     let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
     let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
     MethodRefusal::require(
-        watched_s < MAX_REST_CHECK_DURATION_RATIO * watch_s,
+        rest_check_s < MAX_REST_CHECK_DURATION_RATIO * min_rest_check_s,
         format!(
             "the machine is not confirmed at rest: after {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h \
             along {}, and the limit from drift_um_per_h is {:.1} µm/h",
-            watched_s / 60.0,
+            rest_check_s / 60.0,
             um_per_h(creep.rate_mm_per_s),
             um_per_h(creep.rate_expanded_uncertainty_mm_per_s),
             creep.axis,
@@ -88,8 +88,9 @@ fn rest_check_round_times_and_centres(
     resumed_s: f64,
 ) -> Vec<(f64, Vector3<f64>)> {
     let all = group_readings_by_measurement(setup, readings);
-    let of_watch = all.iter().filter(|measurement| measurement.label.purpose == MeasurementPurpose::RestCheck);
-    let round = of_watch.filter_map(|measurement| {
+    let rest_check_measurements =
+        all.iter().filter(|measurement| measurement.label.purpose == MeasurementPurpose::RestCheck);
+    let round = rest_check_measurements.filter_map(|measurement| {
         let measured = measurement.fit_ball(setup)?.ok()?;
         let times = measurement.readings.iter().map(|reading| reading.t_s);
         Some((times.sum::<f64>() / measurement.readings.len() as f64, measured.centre_in_table_mm))

@@ -1,4 +1,4 @@
-//! Choice of the next stage. The visits are divided into requests (find, reference, watch, slow); each request is one
+//! Choice of the next stage. The visits are divided into requests (find, reference, rest check, slow); each request is one
 //! stage.
 
 use super::found_balls::{FoundBalls, group_readings_by_measurement};
@@ -65,15 +65,20 @@ fn build_repeat_stage(
     Ok(Some(Stage { id, name, repeat, steps, found: last.found.clone() }))
 }
 
-/// Number of watch rounds in the plan so far.
+/// Number of rounds of the rest check that the plan has so far.
 fn planned_rest_check_round_count(setup: &MeasurementSetup<'_>) -> usize {
-    let watch = touch_steps_with_labels(setup.plan).filter(|(_, label)| label.purpose == MeasurementPurpose::RestCheck);
-    watch.map(|(_, label)| label.indexation_number()).max().unwrap_or(0) as usize
+    let rest_check_steps =
+        touch_steps_with_labels(setup.plan).filter(|(_, label)| label.purpose == MeasurementPurpose::RestCheck);
+    rest_check_steps.map(|(_, label)| label.indexation_number()).max().unwrap_or(0) as usize
 }
 
 /// Requests for all stages in measuring order. First every ball is searched for: at the indexation where most balls are
 /// accessible, then at others for the remaining balls. The rest check with one ball and the visits follow.
-fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch_rounds: usize) -> Vec<StageRequest> {
+fn list_stage_requests(
+    setup: &MeasurementSetup<'_>,
+    visits: &[BallVisit],
+    rest_check_rounds: usize,
+) -> Vec<StageRequest> {
     let searches = choose_search_visits(visits);
     let request = |purpose, label_index, visit_index, balls: &[usize]| StageRequest {
         purpose,
@@ -94,7 +99,7 @@ fn list_stage_requests(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watch
     let reference =
         |round| repeated(MeasurementPurpose::Reference, round).filter(|_| setup.touch_settings.has_references);
     requests.extend(reference(0));
-    requests.extend((0..watch_rounds).filter_map(|round| repeated(MeasurementPurpose::RestCheck, round)));
+    requests.extend((0..rest_check_rounds).filter_map(|round| repeated(MeasurementPurpose::RestCheck, round)));
     for (number, visit) in visits.iter().enumerate() {
         if number > 0 && number == visits.len() / 2 {
             requests.extend(reference(1));
@@ -231,7 +236,7 @@ fn plan_touch_steps(
     Ok(steps)
 }
 
-/// Steps of the first round of references or of the watch again, at exactly the same positions.
+/// Steps of the first round of references or of the rest check again, at exactly the same positions.
 fn repeat_first_round_steps(setup: &MeasurementSetup<'_>, request: &StageRequest) -> Vec<Step> {
     let of_first = |(_, label): &(&Step, TouchLabel)| label.purpose == request.purpose && label.indexation_index == 0;
     let renumbered = |(step, label): (&Step, TouchLabel)| {

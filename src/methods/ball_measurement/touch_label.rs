@@ -24,7 +24,7 @@ pub enum MeasurementPurpose {
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TouchLabel {
     pub purpose: MeasurementPurpose,
-    /// Index of the visit's indexation, or of the round of a reference or of the watch, from 0. The text and the
+    /// Index of the visit's indexation, or of the round of a reference or of the rest check, from 0. The text and the
     /// messages for users count from 1.
     pub indexation_index: u32,
     pub ball: String,

@@ -53,39 +53,39 @@ impl<'a> SampledSource<'a> {
         Self { source, misfit_factor, first_draw_index, joint_draws, direct_function_changes }
     }
 
-    /// Adds the effect of this source to the observations (trials × observations). `units`: trials × draws of
-    /// all sources, column-major.
-    fn add_to_observations(&self, units: &[f64], changes: &mut Mat<f64>) {
+    /// Adds the effect of this source to the observations (trials × observations). `unit_draws`: draws of
+    /// unit variance, trials × draws of all sources, column-major.
+    fn add_to_observations(&self, unit_draws: &[f64], changes: &mut Mat<f64>) {
         let trials = changes.nrows();
         if let ObservationEffect::Joint(_) = &self.source.effect {
-            let own = self.source_unit_draws(units, trials);
+            let own = self.source_unit_draws(unit_draws, trials);
             let changed = changes.subcols_mut(0, self.joint_draws.ncols());
             matmul(changed, Accum::Add, own, self.joint_draws.as_ref(), self.misfit_factor, Par::Seq);
             return;
         }
         for draw in 0..self.source.draw_count() {
             let (first, values) = self.source.draw_span(draw);
-            let units = &units[(self.first_draw_index + draw) * trials..][..trials];
+            let own = &unit_draws[(self.first_draw_index + draw) * trials..][..trials];
             for (i, value) in values.iter().enumerate() {
                 let size = self.misfit_factor * value;
                 let column = changes.col_as_slice_mut(first + i).iter_mut();
-                column.zip(units).for_each(|(change, unit)| *change += size * unit);
+                column.zip(own).for_each(|(change, unit)| *change += size * unit);
             }
         }
     }
 
     /// Adds the direct effect of this source on the unknowns to the `values` (trials × values).
-    fn add_direct_changes(&self, units: &[f64], values: &mut Mat<f64>) {
+    fn add_direct_changes(&self, unit_draws: &[f64], values: &mut Mat<f64>) {
         if self.direct_function_changes.nrows() > 0 {
-            let own = self.source_unit_draws(units, values.nrows());
+            let own = self.source_unit_draws(unit_draws, values.nrows());
             matmul(values, Accum::Add, own, self.direct_function_changes.as_ref(), self.misfit_factor, Par::Seq);
         }
     }
 
     /// The unit draws of this source, trials × draws.
-    fn source_unit_draws<'u>(&self, units: &'u [f64], trials: usize) -> MatRef<'u, f64> {
+    fn source_unit_draws<'u>(&self, unit_draws: &'u [f64], trials: usize) -> MatRef<'u, f64> {
         let draws = self.source.draw_count();
-        let own = &units[self.first_draw_index * trials..][..draws * trials];
+        let own = &unit_draws[self.first_draw_index * trials..][..draws * trials];
         MatRef::from_column_major_slice(own, trials, draws)
     }
 }
@@ -118,11 +118,11 @@ pub fn propagate_by_trials(
         drawn.push(SampledSource::new(source, misfit, &slopes, first));
     }
     let compute = |random: &mut DrawStream, trials: usize| {
-        let units = random.unit_variance_draws(trials, &shapes);
+        let unit_draws = random.unit_variance_draws(trials, &shapes);
         let mut changes = Mat::zeros(trials, model.observation_count());
-        drawn.iter().for_each(|source| source.add_to_observations(&units, &mut changes));
+        drawn.iter().for_each(|source| source.add_to_observations(&unit_draws, &mut changes));
         let mut values = model.evaluate_each_perturbation(changes.as_ref(), slopes.as_ref());
-        drawn.iter().for_each(|source| source.add_direct_changes(&units, &mut values));
+        drawn.iter().for_each(|source| source.add_direct_changes(&unit_draws, &mut values));
         outputs.parameters_from_trial_functions(values)
     };
     propagate_distributions(settings.trial_count, settings.seed, outputs.all_parameters().count(), compute)

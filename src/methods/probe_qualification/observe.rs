@@ -29,7 +29,7 @@ pub struct MeasuredTouch {
     /// Time of the touch on the clock of the run, s.
     pub time_in_run_s: f64,
     /// Number of interruptions before the touch.
-    pub segment_index: usize,
+    pub earlier_interruption_count: usize,
     /// Index of the group: touches of one direction, orientation, feed and segment.
     pub group_index: usize,
 }
@@ -93,7 +93,7 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
         let from_centre = table * (step_reading.stylus_centre_in_table_mm - Vector3::from(sphere.centre));
         let normal = from_centre.normalize();
         let gaps = setup.plan.interruption_times_s.iter();
-        let segment_index = gaps.filter(|gap| step_reading.reading.t_s > **gap).count();
+        let earlier_interruption_count = gaps.filter(|gap| step_reading.reading.t_s > **gap).count();
         let number = groups.len();
         MeasuredTouch {
             label: step_reading.step.label.clone(),
@@ -105,8 +105,10 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
             is_fast: step_reading.is_fast(setup),
             spindle_orientation_index: setup.nearest_spindle_orientation_index(&step_reading.position),
             time_in_run_s: step_reading.reading.t_s,
-            segment_index,
-            group_index: *groups.entry((direction_label(&step_reading.step.label), segment_index)).or_insert(number),
+            earlier_interruption_count,
+            group_index: *groups
+                .entry((direction_label(&step_reading.step.label), earlier_interruption_count))
+                .or_insert(number),
         }
     };
     let touches: Vec<MeasuredTouch> = step_readings.iter().map(touch).collect();

@@ -84,7 +84,7 @@ impl ProbeQualificationSettings {
         )
     }
 
-    /// Checks the length of the touches. `u_stylus_offset_mm`: standard uncertainty of the stylus offset.
+    /// Checks that stand-off and search of the touches are long enough. `u_stylus_offset_mm`: standard uncertainty of the stylus offset.
     ///
     /// # Errors
     /// The touches are so short that a turned stylus could miss the ball.

@@ -38,7 +38,7 @@ impl UnknownsLayout {
         let first = if separable_orders.contains(&1) { 1 } else { 2 };
         let has_fast = observed.touches.iter().any(|touch| touch.is_fast);
         Self {
-            segment_count: observed.touches.iter().map(|touch| touch.segment_index + 1).max().unwrap_or(1),
+            segment_count: observed.touches.iter().map(|touch| touch.earlier_interruption_count + 1).max().unwrap_or(1),
             map_orders: (first..=highest_order).collect(),
             // Order 1 of the part that does not turn with the spindle is the centre of the ball.
             ball_form_orders: separable_orders.into_iter().filter(|k| *k > 1).collect(),
@@ -94,7 +94,7 @@ impl UnknownsLayout {
         let mut put = |first: usize, values: &[f64]| {
             row[first..first + values.len()].copy_from_slice(values);
         };
-        put(3 * touch.segment_index, touch.normal_in_machine.as_slice());
+        put(3 * touch.earlier_interruption_count, touch.normal_in_machine.as_slice());
         put(self.first_drift_index(), (touch.normal_in_machine * observed.relative_time(touch)).as_slice());
         put(self.radius_index(), &[1.0]);
         for (index, order) in self.map_orders.iter().enumerate() {

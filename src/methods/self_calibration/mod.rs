@@ -72,7 +72,7 @@ impl SelfCalibration {
             foot_mm: [part.centre_mm[0], part.centre_mm[1], stated.foot_mm[2]],
             axis: stated.axis,
             radius_mm: part.contact_radius_mm - ball,
-            height_mm: part.top_contact_z_mm - ball - stated.foot_mm[2],
+            height_mm: part.ball_centre_z_at_top_mm - ball - stated.foot_mm[2],
             uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
         }))
     }
@@ -182,11 +182,13 @@ fn locate_part(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> Result
     let found = circle::fit_circle(&centres)
         .map_err(|error| MethodRefusal::new(format!("the part could not be located: {error}"), remedy))?;
     let uncertainty_mm = setup.stated_part.uncertainty_mm;
-    let top = tops.first().map_or(nominal.top_contact_z_mm, |(_, centre)| centre.z);
-    let part = PartGeometry { centre_mm: found.centre, contact_radius_mm: found.radius, top_contact_z_mm: top };
+    let top = tops.first().map_or(nominal.ball_centre_z_at_top_mm, |(_, centre)| centre.z);
+    let part = PartGeometry { centre_mm: found.centre, contact_radius_mm: found.radius, ball_centre_z_at_top_mm: top };
     let away = (part.centre_mm[0] - nominal.centre_mm[0]).hypot(part.centre_mm[1] - nominal.centre_mm[1]);
-    let (larger, higher) =
-        (part.contact_radius_mm - nominal.contact_radius_mm, part.top_contact_z_mm - nominal.top_contact_z_mm);
+    let (larger, higher) = (
+        part.contact_radius_mm - nominal.contact_radius_mm,
+        part.ball_centre_z_at_top_mm - nominal.ball_centre_z_at_top_mm,
+    );
     let is_outside = away > uncertainty_mm || larger.abs() > uncertainty_mm || higher.abs() > uncertainty_mm;
     MethodRefusal::require(
         !is_outside,

@@ -7,7 +7,7 @@
 //! r = R + E(C)·n(φ) + W(φ+C) − E_r(φ) + drift,  n = (cos φ, sin φ),
 //!
 //! with E the displacement of the table (E_XC,total, E_YC,total), W the flank of the part, E_r the radial error of
-//! the linear axes. R includes the radius of the ball.
+//! the linear axes. R is the radius of the part plus the radius of the stylus ball.
 
 use faer::Mat;
 use nalgebra::Vector3;

@@ -49,7 +49,7 @@ impl SelfCalibrationSetup<'_> {
     /// Position of the ball centre on the top face.
     fn top_contact_position(&self, part: PartGeometry) -> Vector3<f64> {
         let [x, y] = self.settings.z_reference_at_mm;
-        Vector3::new(part.centre_mm[0] + x, part.centre_mm[1] + y, part.top_contact_z_mm)
+        Vector3::new(part.centre_mm[0] + x, part.centre_mm[1] + y, part.ball_centre_z_at_top_mm)
     }
 
     /// All touches after locating, at every height, around the part at its measured position. The steps are not

@@ -78,8 +78,8 @@ impl ObservationContact {
         let form = |j: usize| shared.forms.col_as_slice(j);
         let scale_index = shared.forms.ncols() - 2;
         shared.simd.dispatch(SecondOrderTerms {
-            normal_x: self.normal.x,
-            normal_y: self.normal.y,
+            contact_normal_x: self.normal.x,
+            contact_normal_y: self.normal.y,
             across_ray_mm: self.across_ray_mm,
             axis_motion_x_mm: x.col_as_slice(self.ex_index),
             axis_motion_y_mm: x.col_as_slice(self.ey_index),
@@ -95,8 +95,8 @@ impl ObservationContact {
 /// The terms of one contact in all trials. This is a struct instead of a closure, because only a struct is inlined with
 /// the wide SIMD registers enabled.
 struct SecondOrderTerms<'a> {
-    normal_x: f64,
-    normal_y: f64,
+    contact_normal_x: f64,
+    contact_normal_y: f64,
     across_ray_mm: f64,
     axis_motion_x_mm: &'a [f64],
     axis_motion_y_mm: &'a [f64],
@@ -114,7 +114,7 @@ impl WithSimd for SecondOrderTerms<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { normal_x: cos, normal_y: sin, across_ray_mm: lateral_mm, radii, .. } = self;
+        let Self { contact_normal_x: cos, contact_normal_y: sin, across_ray_mm: lateral_mm, radii, .. } = self;
         let (squared, mixed) = (sin * sin, sin * cos);
         let trials = radii.len();
         let (ex, ey) = (&self.axis_motion_x_mm[..trials], &self.axis_motion_y_mm[..trials]);

@@ -29,8 +29,8 @@ pub struct PartGeometry {
     pub centre_mm: [f64; 2],
     /// Radius of the part plus radius of the ball.
     pub contact_radius_mm: f64,
-    /// Height of the ball centre on the top face.
-    pub top_contact_z_mm: f64,
+    /// Z of the centre of the stylus ball in contact with the top face.
+    pub ball_centre_z_at_top_mm: f64,
 }
 
 impl<'a> SelfCalibrationSetup<'a> {
@@ -80,7 +80,7 @@ impl<'a> SelfCalibrationSetup<'a> {
         PartGeometry {
             centre_mm: [centre_mm[0], centre_mm[1]],
             contact_radius_mm: radius_mm + ball,
-            top_contact_z_mm: centre_mm[2] + height_mm + ball,
+            ball_centre_z_at_top_mm: centre_mm[2] + height_mm + ball,
         }
     }
 }

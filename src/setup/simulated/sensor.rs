@@ -42,7 +42,7 @@ pub struct SimulatedSensorConfig {
 enum SensorInterface {
     /// In memory, or on the CAN interface of this name.
     Can(String),
-    /// In memory, or on a wire.
+    /// Text or frames of this format, in memory (`None`) or on a wire.
     Serial(OutputFormat, Option<SensorWire>),
     Modbus(SensorWire),
 }

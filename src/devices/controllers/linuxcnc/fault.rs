@@ -55,7 +55,7 @@ fn interpret_messages(step: u32, messages: &[String]) -> ControllerError {
         return ControllerError::OutOfTravel { step, message: messages.join("; ") };
     }
     if has("Queue is not empty after") {
-        return ControllerError::MotionTaskLate { step, message: messages.join("; ") };
+        return ControllerError::RealTimeTaskLate { step, message: messages.join("; ") };
     }
     let meaning = if messages.is_empty() {
         "the program stopped without a message: an operator stopped it at the control, or LinuxCNC's motion did \
@@ -92,7 +92,7 @@ mod tests {
         let of = |text: &str| interpret_messages(7, &[text.to_owned()]);
         for text in ["Queue is not empty after probing", "Queue is not empty after external input"] {
             let late = of(text);
-            assert!(matches!(late, ControllerError::MotionTaskLate { step: 7, .. }), "{late:?}");
+            assert!(matches!(late, ControllerError::RealTimeTaskLate { step: 7, .. }), "{late:?}");
             assert!(late.to_string().contains(text), "{late}");
             assert!(late.remedy().contains("latency-test"), "{}", late.remedy());
         }
