@@ -94,7 +94,7 @@ impl CountedTurn<'_> {
     /// Samples from the start of the turn to its end, at most `rate_hz` per second.
     ///
     /// # Errors
-    /// The counts do not match the axis; no sample of the turn gets a position.
+    /// The counts do not match the motion of the axis. Then no sample of the turn gets a position.
     pub fn assign_positions(&self, samples: &[Sample], rate_hz: f64) -> Result<PositionedSamples, EncoderCountFault> {
         let axis = self.encoder_scale.encoder.axis;
         let [start, end] = self.rest_positions_before_and_after;
