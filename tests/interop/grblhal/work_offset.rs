@@ -70,7 +70,7 @@ fn check_each_slot_is_undone(
     let path = workspace.machine_file_path();
     let with_g55 = std::fs::read_to_string(&path)?;
     let with_g56 = with_g55.replace("\"G55\"", "\"G56\"");
-    rig.query("G10 L2 P3 X-140 Y-90 Z-3 B0 C2")?;
+    rig.query("G10 L2 P3 X-149.8 Y-100.05 Z-3 B0 C2")?;
     for text in [&with_g55, &with_g56] {
         std::fs::write(&path, text)?;
         trial.write_stdout(&trial.proposal()?.0)?;
@@ -89,7 +89,7 @@ fn check_each_slot_is_undone(
     trial.undo_stdout()?;
     std::fs::write(&path, &with_g55)?;
     let offsets = rig.query("$#")?;
-    if offsets.contains("[G56:-140.000,-90.000,-3.000,0.000,2.000]") { Ok(()) } else { Err(offsets.into()) }
+    if offsets.contains("[G56:-149.800,-100.050,-3.000,0.000,2.000]") { Ok(()) } else { Err(offsets.into()) }
 }
 
 fn start_with_slot() -> Result<(GrblHalRig, RunWorkspace), Failed> {
