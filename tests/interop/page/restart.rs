@@ -51,6 +51,16 @@ fn wait_until_connected(browser: &Browser, state: &str) {
     });
 }
 
+/// Waits until the page has been loaded again after the last change of the state: a reload when the daemon ends would
+/// show the browser's own error page.
+fn wait_until_loaded_in_present_state(browser: &Browser, daemon: &DaemonProcess) {
+    let state = daemon.http().get_json(MACHINE_API_PATH)["state"].clone();
+    wait_for_page_text(browser, |_| {
+        let loaded = "return document.readyState === 'complete' && document.getElementById('live').dataset.state";
+        browser.client.execute_script(loaded, &[]).is_ok_and(|loaded| loaded == state)
+    });
+}
+
 /// The page reads the event that announces the end of the daemon two seconds late, as a slow tablet may: the daemon has
 /// exited by then.
 const READ_END_EVENT_LATE: &str = "const parse = JSON.parse;
@@ -69,6 +79,7 @@ fn restart_under_page(
     absence: Duration,
     state_after: &str,
 ) -> DaemonProcess {
+    wait_until_loaded_in_present_state(browser, &daemon);
     browser.client.execute_script(READ_END_EVENT_LATE, &[]).unwrap();
     daemon.terminate();
     wait_until_away(browser);
@@ -137,6 +148,7 @@ pub fn page_with_an_open_prompt_reconnects_after_a_restart() {
     browser.client.open_url(&page_url(&daemon)).unwrap();
     browser.fill_and_submit_form("/start", &[("who", "Ada")]);
     wait_until_connected(&browser, "waiting: a prompt is open");
+    browser.wait_for_element("#asked form");
     let _daemon = restart_under_page(&browser, &shop, daemon, Duration::ZERO, "held: inspect the machine");
     assert_eq!(browser.visible_text("#asked"), "");
 }
