@@ -25,10 +25,15 @@ const BEFORE: &str = "[G55:-149.900,-100.010,-3.000,0.000,2.000]";
 const AXIS_C_POINT_MM: [f64; 3] = [-150.0, -100.0, -360.0];
 const CORRECTED: &str = "[G55:-149.950,-100.030,-3.000,0.000,2.000]";
 
-/// The line of `$#` for G55.
+/// The line of `$#` for G55. The firmware may first send the rest of its answers to a killed client.
 fn reported_offset(rig: &GrblHalRig) -> Result<String, Failed> {
-    let answer = rig.query("$#")?;
-    Ok(answer.lines().find(|line| line.starts_with("[G55:")).ok_or("no G55")?.to_owned())
+    for _ in 0..5 {
+        let answer = rig.query("$#")?;
+        if let Some(line) = answer.lines().find(|line| line.starts_with("[G55:")) {
+            return Ok(line.to_owned());
+        }
+    }
+    Err("no G55".into())
 }
 
 fn check_offset(rig: &GrblHalRig, expected: &str) -> Result<(), Failed> {
