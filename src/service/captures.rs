@@ -11,7 +11,9 @@ use link::{CaptureWriter, LinkMode};
 /// the file is `talk-begun.capture`. If that file is left over from a cycle that never became a run, the next
 /// name is `talk-begun-2.capture`.
 #[derive(Clone)]
-pub(super) struct CaptureFileNamer(PathBuf);
+pub(super) struct CaptureFileNamer {
+    configured_file: PathBuf,
+}
 
 /// The capture of one cycle.
 pub(super) struct RunCapture<'a> {
@@ -22,8 +24,8 @@ pub(super) struct RunCapture<'a> {
 }
 
 impl CaptureFileNamer {
-    pub(super) fn new(file: PathBuf) -> Self {
-        Self(file)
+    pub(super) fn new(configured_file: PathBuf) -> Self {
+        Self { configured_file }
     }
 
     /// Creates the capture file of a cycle; never overwrites a file. On failure, a fault is logged and the run
@@ -49,7 +51,7 @@ impl CaptureFileNamer {
     }
 
     fn path_for(&self, label: &str) -> PathBuf {
-        let Self(file) = self;
+        let file = &self.configured_file;
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();
         let extension = file.extension().map(|extension| format!(".{}", extension.to_string_lossy()));
         file.with_file_name(format!("{stem}-{label}{}", extension.unwrap_or_default()))

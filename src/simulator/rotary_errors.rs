@@ -31,7 +31,7 @@ type OrderCosSin = (f64, f64, f64);
 /// Parameters of one draw: terms of the given orders, whose sum has the given standard deviation.
 struct HarmonicDraw<'a> {
     seed: u64,
-    source: RandomSource,
+    quantity: RandomSource,
     axis: Axis,
     total_sigma: f64,
     keys_and_orders: &'a [(u64, f64)],
@@ -39,10 +39,10 @@ struct HarmonicDraw<'a> {
 
 impl HarmonicDraw<'_> {
     fn draw_terms(&self, component: Axis) -> Result<(ErrorParameter, Vec<OrderCosSin>), InvalidErrorParameter> {
-        let Self { seed, source, axis, total_sigma: sigma, keys_and_orders: orders } = self;
+        let Self { seed, quantity, axis, total_sigma: sigma, keys_and_orders: orders } = self;
         let term_sigma = sigma / (orders.len() as f64).sqrt();
         let term = |(key, order): &(u64, f64)| {
-            let draw = |part| term_sigma * draw_normal(*seed, *source, &[*axis as u64, component as u64, *key, part]);
+            let draw = |part| term_sigma * draw_normal(*seed, *quantity, &[*axis as u64, component as u64, *key, part]);
             (*order, draw(0), draw(1))
         };
         Ok((ErrorParameter::new(component, *axis, ErrorShape::Location)?, orders.iter().map(term).collect()))
@@ -56,7 +56,7 @@ impl RotaryErrors {
         let orders: Vec<_> = orders.iter().map(|n| (u64::from(*n), f64::from(*n))).collect();
         let draw = HarmonicDraw {
             seed,
-            source: RandomSource::RotaryAxisHarmonics,
+            quantity: RandomSource::RotaryAxisHarmonics,
             axis,
             total_sigma: sigma_mm,
             keys_and_orders: &orders,
@@ -74,7 +74,7 @@ impl RotaryErrors {
             let sigma = if component.is_linear() { motion.linear_um * 1e-3 } else { motion.angular_urad * 1e-6 };
             HarmonicDraw {
                 seed,
-                source: RandomSource::SynchronousRotaryMotion,
+                quantity: RandomSource::SynchronousRotaryMotion,
                 axis,
                 total_sigma: sigma,
                 keys_and_orders: &orders,
@@ -83,14 +83,14 @@ impl RotaryErrors {
         });
         let linear = Axis::LINEAR.into_iter().filter(|_| motion.asynchronous_um > 0.0);
         let asynchronous = linear.map(|component| {
-            let source = RandomSource::AsynchronousRotaryMotion;
+            let quantity = RandomSource::AsynchronousRotaryMotion;
             // Orders without a common period.
             let order = |number| {
-                let deviate = draw_normal(seed, source, &[axis as u64, component as u64, number, 2]);
+                let deviate = draw_normal(seed, quantity, &[axis as u64, component as u64, number, 2]);
                 (number, number as f64 + 1.5 + 0.3 * deviate.tanh())
             };
             let orders: Vec<_> = (0..ASYNCHRONOUS_TERM_COUNT).map(order).collect();
-            HarmonicDraw { seed, source, axis, total_sigma: motion.asynchronous_um * 1e-3, keys_and_orders: &orders }
+            HarmonicDraw { seed, quantity, axis, total_sigma: motion.asynchronous_um * 1e-3, keys_and_orders: &orders }
                 .draw_terms(component)
         });
         let asynchronous = asynchronous.collect::<Result<_, _>>()?;

@@ -60,7 +60,7 @@ pub(in crate::controllers) fn check_contact_path(
 /// Axes of a machine without the spindle, their tolerances, and the machine's last position and orientation.
 pub(in crate::controllers) struct AxisMonitor {
     /// Axes of the machine file, without the spindle.
-    pub axes: Vec<Axis>,
+    pub axes_without_spindle: Vec<Axis>,
     /// Largest permitted distance of each axis from its target, mm or rad.
     tolerances: BTreeMap<Axis, f64>,
     /// Last position of the machine at a standstill.
@@ -75,7 +75,7 @@ impl AxisMonitor {
         let specs = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
         let tolerances: BTreeMap<_, _> = specs.map(|(axis, spec)| (*axis, axis_tolerance(*axis, Some(spec)))).collect();
         Self {
-            axes: tolerances.keys().copied().collect(),
+            axes_without_spindle: tolerances.keys().copied().collect(),
             tolerances,
             standstill_position: Position::new(),
             spindle_rad: None,
@@ -109,7 +109,7 @@ impl AxisMonitor {
 
     /// Restricts a position to the axes of the machine.
     pub fn machine_axes_only(&self, position: &Position) -> Position {
-        position.filter_axes(|axis| self.axes.contains(&axis))
+        position.filter_axes(|axis| self.axes_without_spindle.contains(&axis))
     }
 
     /// Returns `position` with the orientation of the spindle.

@@ -41,7 +41,7 @@ impl GrblDriver {
         let (connection, halt) = GrblConnection::new(link);
         let monitor = AxisMonitor::new(machine);
         let has_switch = |axis: &Axis| machine.axes.get(axis).is_some_and(|spec| spec.homing == Homing::Switch);
-        let homed_axes = monitor.axes.iter().copied().filter(has_switch).collect();
+        let homed_axes = monitor.axes_without_spindle.iter().copied().filter(has_switch).collect();
         let grbl = Self {
             connection,
             mode_text: modes,

@@ -67,7 +67,7 @@ impl GrblDriver {
     /// Reads version and axes of the control; an error if it lacks an axis of the machine.
     pub(super) async fn check_firmware_axes(&mut self) -> Result<FirmwareInfo, ControllerError> {
         let firmware = self.read_firmware_info().await?;
-        let missing: Vec<String> = (self.monitor.axes.iter())
+        let missing: Vec<String> = (self.monitor.axes_without_spindle.iter())
             .filter(|axis| !self.axes_in_report_order.contains(&Some(**axis)))
             .map(Axis::to_string)
             .collect();

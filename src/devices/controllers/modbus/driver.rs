@@ -51,7 +51,7 @@ impl ModbusDriver {
         modes: ProvenModeText,
     ) -> Result<(Self, HaltHandle), ControllerError> {
         let monitor = AxisMonitor::new(machine);
-        if let Some(axis) = config.map.axis_without_registers(&monitor.axes) {
+        if let Some(axis) = config.map.axis_without_registers(&monitor.axes_without_spindle) {
             return Err(ControllerError::UnsupportedByControl {
                 reason: format!("the register map has no registers for axis {axis}"),
                 remedy: "add the axis to [controller.registers.status.position] and .latch".to_owned(),
