@@ -94,9 +94,7 @@ impl LinkConfig {
     /// Description with the baud rate.
     pub fn describe(&self) -> String {
         match self {
-            Self::Serial { baud, .. } | Self::SerialId { baud, .. } => {
-                format!("{self} at {baud} baud")
-            }
+            Self::Serial { baud, .. } | Self::SerialId { baud, .. } => format!("{self} at {baud} baud"),
             Self::Tcp(_) => self.to_string(),
         }
     }

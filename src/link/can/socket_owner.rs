@@ -50,16 +50,11 @@ struct SocketOwner {
 impl SocketOwner {
     fn run(&mut self, mut socket: CanSocket) {
         loop {
-            let why = match self.read_frames_until_failure(&socket) {
-                Some(why) => why,
-                None => return,
-            };
+            let Some(why) = self.read_frames_until_failure(&socket) else { return };
             self.send_state_change(CanEvent::InterfaceDown(why.to_string()));
             drop(socket);
-            socket = match self.reopen_when_up() {
-                Some(socket) => socket,
-                None => return,
-            };
+            let Some(reopened) = self.reopen_when_up() else { return };
+            socket = reopened;
             self.send_state_change(CanEvent::InterfaceUp);
         }
     }
@@ -85,8 +80,7 @@ impl SocketOwner {
                 }
                 Ok((SocketFrame::Error(frame), _)) => self.handle_error_frame(frame.into_error().into()),
                 Ok((SocketFrame::Remote(_), _)) => {}
-                Err(error) if error.should_retry() => {}
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if error.should_retry() || error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Some(error),
             }
             let filter_result = match filter_change {

@@ -49,24 +49,6 @@ fn exception_name(code: u8) -> &'static str {
 }
 
 impl ModbusError {
-    /// Whether a write may have reached the device in spite of the error. The caller must read the device's counter
-    /// before it repeats the write.
-    pub fn write_may_have_arrived(&self) -> bool {
-        match self {
-            Self::Timeout { .. }
-            | Self::UnexpectedReply { .. }
-            | ModbusError::ConnectionLost { .. }
-            | Self::ReadBackDiffers { .. }
-            | Self::ReadBackFailed { .. }
-            | ModbusError::LinkThreadEnded { .. } => true,
-            Self::OpenFailed(_)
-            | Self::ExceptionReply { .. }
-            | Self::LineNotCleared { .. }
-            | Self::NotAllowed { .. }
-            | Self::HoldActive { .. } => false,
-        }
-    }
-
     /// What the operator should do next.
     pub fn remedy(&self) -> String {
         let text = match self {

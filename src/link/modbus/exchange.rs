@@ -39,15 +39,14 @@ enum CallOutcome {
 
 impl ModbusExchange {
     pub(super) fn new(line: ModbusLineConfig, backend: LinkBackend, urgent_queue: UrgentQueue) -> Self {
-        let (stream, context, owed_replies, last_reply_shape) = (None, None, Vec::new(), None);
         Self {
             line,
             backend,
             urgent_queue,
-            stream,
-            context,
-            pending_replies: owed_replies,
-            last_expected_reply_shape: last_reply_shape,
+            stream: None,
+            context: None,
+            pending_replies: Vec::new(),
+            last_expected_reply_shape: None,
         }
     }
 

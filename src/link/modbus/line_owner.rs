@@ -51,10 +51,8 @@ impl LineOwner {
     }
 
     async fn send_urgent_writes(&mut self) {
-        while let Some(UrgentWrite { access, settings, refuses_ordinary_writes: blocks_writes }) =
-            self.exchange.urgent_queue.pop()
-        {
-            self.is_hold_active |= blocks_writes;
+        while let Some(UrgentWrite { access, settings }) = self.exchange.urgent_queue.pop() {
+            self.is_hold_active = true;
             self.exchange.perform_urgent(&access, &settings).await;
         }
     }

@@ -19,7 +19,7 @@
 //! should contain a counter (a sequence, a heartbeat) that shows whether its values are new.
 //!
 //! A request is sent once. The link never repeats a write without a reply: it is unknown whether the write has
-//! arrived, and the caller decides by the device's counter ([`ModbusError::write_may_have_arrived`]).
+//! arrived, and the caller must read the device's counter before it repeats the write.
 
 use std::sync::{Arc, Weak};
 use std::time::Duration;
@@ -115,23 +115,12 @@ struct QueuedAccess {
 struct UrgentWrite {
     access: RegisterAccess,
     settings: Arc<DeviceSettings>,
-    refuses_ordinary_writes: bool,
 }
 
 impl UrgentWriteSender {
-    pub fn send(&self) {
-        self.queue_write(false);
-    }
-
-    /// Like `send`; in addition, every other write, queued or later, is refused ([`ModbusError::HoldActive`]). Reads
-    /// continue.
+    /// Sends the write. Every other write, queued or later, is refused ([`ModbusError::HoldActive`]). Reads continue.
     pub fn send_and_refuse_ordinary_writes(&self) {
-        self.queue_write(true);
-    }
-
-    fn queue_write(&self, refuses_ordinary_writes: bool) {
-        let (access, settings) = (self.access.clone(), self.settings.clone());
-        let _ = self.urgent_queue.send(UrgentWrite { access, settings, refuses_ordinary_writes });
+        let _ = self.urgent_queue.send(UrgentWrite { access: self.access.clone(), settings: self.settings.clone() });
     }
 }
 
@@ -197,11 +186,8 @@ impl ModbusClient {
         self.settings.access_list.check_access(&access)?;
         let ended = || ModbusError::LinkThreadEnded { link: self.line.name.clone() };
         let (reply, result) = oneshot::channel();
-        let settings = self.settings.clone();
-        self.line
-            .access_queue
-            .send(QueuedAccess { access, settings, needs_read_back, reply_sender: reply })
-            .map_err(|_| ended())?;
+        let queued = QueuedAccess { access, settings: self.settings.clone(), needs_read_back, reply_sender: reply };
+        self.line.access_queue.send(queued).map_err(|_| ended())?;
         result.await.map_err(|_| ended())?
     }
 }

@@ -33,19 +33,11 @@ pub enum ByteOrder {
 
 /// Encoding of one number, e.g. `type = "i32"`, `order = "cdab"`, `scale = 0.001`. The number is `scale` times the
 /// value in the registers.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NumberFormat {
-    #[serde(rename = "type")]
     pub number_type: NumberType,
-    #[serde(default)]
     pub order: ByteOrder,
-    #[serde(default = "default_scale")]
     pub scale: f64,
-}
-
-fn default_scale() -> f64 {
-    1.0
 }
 
 #[derive(Debug, PartialEq, thiserror::Error)]
@@ -228,12 +220,14 @@ mod tests {
     }
 
     #[test]
-    fn number_format_is_read_from_toml() {
-        let parsed: NumberFormat = toml::from_str("type = \"i32\"\norder = \"cdab\"\nscale = 0.001").unwrap();
-        assert_eq!(parsed, test_format(NumberType::I32, ByteOrder::Cdab, 0.001));
-        let parsed: NumberFormat = toml::from_str("type = \"f32\"").unwrap();
-        assert_eq!(parsed, test_format(NumberType::F32, ByteOrder::Abcd, 1.0));
-        assert!(toml::from_str::<NumberFormat>("type = \"i33\"").is_err());
-        assert!(toml::from_str::<NumberFormat>("type = \"i32\"\nword = 1").is_err());
+    fn type_and_byte_order_are_read_from_lowercase_words() {
+        #[derive(Debug, Deserialize)]
+        struct FormatKeys {
+            number_type: NumberType,
+            order: ByteOrder,
+        }
+        let keys: FormatKeys = toml::from_str("number_type = \"i32\"\norder = \"cdab\"").unwrap();
+        assert_eq!((keys.number_type, keys.order), (NumberType::I32, ByteOrder::Cdab));
+        assert!(toml::from_str::<FormatKeys>("number_type = \"i33\"\norder = \"cdab\"").is_err());
     }
 }

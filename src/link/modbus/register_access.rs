@@ -45,13 +45,8 @@ impl RegisterAccess {
     }
 
     pub(super) fn new_write(address: u16, words: &[u16]) -> Self {
-        let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
-        Self {
-            space: RegisterSpace::Holding,
-            address,
-            register_or_bit_count: count,
-            written_words: Some(words.to_vec()),
-        }
+        let register_or_bit_count = u16::try_from(words.len()).unwrap_or(u16::MAX);
+        Self { space: RegisterSpace::Holding, address, register_or_bit_count, written_words: Some(words.to_vec()) }
     }
 
     pub(super) fn is_write(&self) -> bool {

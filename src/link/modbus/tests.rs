@@ -85,7 +85,6 @@ async fn registers_are_read_and_written_and_read_back() {
     assert_eq!(device.0.lock().unwrap()[19..24], [0, 7, 8, 9, 0]);
     let cleared = link.write(50, &[1]).await.unwrap_err();
     assert!(matches!(cleared, ModbusError::ReadBackDiffers { .. }), "{cleared}");
-    assert!(cleared.write_may_have_arrived());
     link.write_without_read_back(50, &[1]).await.unwrap();
 }
 
@@ -127,7 +126,7 @@ async fn after_a_hold_an_ordinary_write_is_refused() {
     assert!(matches!(refused, ModbusError::HoldActive { .. }), "{refused}");
     assert_eq!(link.read(RegisterSpace::Holding, 30, 2).await.unwrap(), [1, 0]);
     drop(link);
-    hold.send();
+    hold.send_and_refuse_ordinary_writes();
     drop(device);
 }
 

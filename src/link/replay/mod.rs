@@ -6,7 +6,6 @@
 //! two commands, and after that data is used up, the last reply of its kind is repeated.
 
 use std::collections::VecDeque;
-use std::fmt;
 use std::io;
 use std::path::Path;
 use std::pin::Pin;
@@ -160,11 +159,8 @@ impl LinkReplay {
     /// Passes sent bytes to the replay.
     pub(super) fn process_sent_bytes(&self, bytes: &[u8]) {
         let mut state = lock(&self.state);
-        let result = match &mut state.script {
-            Some(script) => script.reply_to(bytes),
-            None => return,
-        };
-        match result {
+        let Some(script) = &mut state.script else { return };
+        match script.reply_to(bytes) {
             Ok(replies) => {
                 for CapturedReply { time_s, bytes } in replies {
                     let mut now_s = lock(&self.now_s);
@@ -211,11 +207,5 @@ impl AsyncWrite for ReplayStream {
 
     fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
         Poll::Ready(Ok(()))
-    }
-}
-
-impl fmt::Debug for CaptureReplay {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Replay")
     }
 }

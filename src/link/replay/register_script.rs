@@ -52,9 +52,7 @@ impl RegisterScript {
                         let is_request_of = |request: &(u16, FrameBody)| {
                             request.0 == transaction && function_code(&request.1) == function_code(&bytes)
                         };
-                        let Some(index) = open_requests.iter().rposition(is_request_of) else {
-                            continue;
-                        };
+                        let Some(index) = open_requests.iter().rposition(is_request_of) else { continue };
                         let (_, request) = open_requests.remove(index);
                         store_reply(&mut history, &request, CapturedReply { time_s: reply.time_s, bytes });
                     }

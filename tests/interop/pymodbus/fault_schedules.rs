@@ -9,7 +9,7 @@ use rand::{Rng, RngExt};
 
 use testing::population::population_size;
 
-use super::server::{PymodbusServer, block_on};
+use super::server::{PymodbusServer, block_on, write_may_have_arrived};
 
 const FULL_SCHEDULE_COUNT: u64 = 150;
 const STEPS_PER_SCHEDULE: u64 = 4;
@@ -64,7 +64,7 @@ async fn run_request_with_random_faults(
 fn record_write(ended: Result<(), ModbusError>, mark: u16, results: &mut RequestResults) -> Result<(), ModbusError> {
     let fate = match &ended {
         Ok(()) => Some(true),
-        Err(error) if error.write_may_have_arrived() => None,
+        Err(error) if write_may_have_arrived(error) => None,
         Err(_) => Some(false),
     };
     results.write_values_and_arrivals.push((mark, fate));

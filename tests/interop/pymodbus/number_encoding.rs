@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::process::Command;
 
 use libtest_mimic::Failed;
-use link::modbus::number_format::NumberFormat;
+use link::modbus::number_format::{ByteOrder, NumberFormat, NumberType};
 
 use super::pymodbus::python_with_pymodbus;
 use super::server::peer_script_path;
@@ -17,7 +17,9 @@ pub fn number_types_agree_with_pymodbus() -> Result<(), Failed> {
     let mut count = 0;
     for (kind, orders) in &all {
         for (order, values) in orders {
-            let number: NumberFormat = toml::from_str(&format!("type = \"{kind}\"\norder = \"{order}\""))?;
+            let number_type: NumberType = serde_json::from_value(kind.as_str().into())?;
+            let byte_order: ByteOrder = serde_json::from_value(order.as_str().into())?;
+            let number = NumberFormat { number_type, order: byte_order, scale: 1.0 };
             for (value, words) in values {
                 let place = format!("{kind} {order} {value}");
                 assert_eq!(number.decode(words)?, *value, "{place}");

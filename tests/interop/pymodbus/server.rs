@@ -6,8 +6,28 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 use super::pymodbus::python_with_pymodbus;
-use link::modbus::{AccessList, DeviceSettings, Framing, ModbusClient, ModbusLineConfig, RegisterRange, RegisterSpace};
+use link::modbus::{
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLineConfig, RegisterRange, RegisterSpace,
+};
 use link::{HostPort, LinkConfig, Pty, create_pty};
+
+/// Whether a write may have reached the device in spite of `error`.
+pub fn write_may_have_arrived(error: &ModbusError) -> bool {
+    use ModbusError as E;
+    match error {
+        E::Timeout { .. }
+        | E::UnexpectedReply { .. }
+        | E::ConnectionLost { .. }
+        | E::ReadBackDiffers { .. }
+        | E::ReadBackFailed { .. }
+        | E::LinkThreadEnded { .. } => true,
+        E::OpenFailed(_)
+        | E::ExceptionReply { .. }
+        | E::LineNotCleared { .. }
+        | E::NotAllowed { .. }
+        | E::HoldActive { .. } => false,
+    }
+}
 
 pub fn peer_script_path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/pymodbus").join(name)
