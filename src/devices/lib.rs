@@ -4,4 +4,5 @@
 
 pub mod compensation;
 pub mod controllers;
+mod finite_numbers;
 pub mod sensors;

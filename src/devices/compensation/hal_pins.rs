@@ -5,6 +5,8 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::finite_numbers::parse_finite_number;
+
 /// Timeout for one command, also over a network.
 const HALCMD_TIMEOUT: Duration = Duration::from_secs(10);
 const HALCMD_POLL_PERIOD: Duration = Duration::from_millis(2);
@@ -187,8 +189,7 @@ fn parse_pin_line(line: &str, prefix: &str) -> Option<Result<(String, PinState),
 }
 
 fn parse_number(pin: &str, value: &str) -> Result<f64, HalError> {
-    let number = value.parse().ok().filter(|number: &f64| number.is_finite());
-    number.ok_or_else(|| HalError::NotANumber { pin: pin.to_owned(), value: value.to_owned() })
+    parse_finite_number(value).ok_or_else(|| HalError::NotANumber { pin: pin.to_owned(), value: value.to_owned() })
 }
 
 #[cfg(test)]

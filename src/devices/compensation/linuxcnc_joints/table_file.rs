@@ -6,6 +6,7 @@ use std::os::unix::fs::{MetadataExt as _, fchown};
 use std::path::{Path, PathBuf};
 
 use crate::compensation::ValueToWrite;
+use crate::finite_numbers::parse_finite_number;
 
 /// Maximum number of lines that LinuxCNC reads (User Manual, "INI Configuration", `COMP_FILE`).
 const MAX_LINES: usize = 256;
@@ -170,11 +171,10 @@ fn parse_line(line: &str) -> Option<[TableValue; 2]> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let [position, values @ ..] = &words[..] else { return None };
     let [forward, reverse] = values else { return None };
-    let number = |word: &str| word.parse().ok().filter(|number: &f64| number.is_finite());
-    let position_mm = number(position)?;
+    let position_mm = parse_finite_number(position)?;
     let value = |direction, word: &str| {
-        let (position_text, text) = ((*position).to_owned(), word.to_owned());
-        Some(TableValue { position_text, position_mm, direction, value_mm: number(word)?, value_text: text })
+        let (position_text, value_text) = ((*position).to_owned(), word.to_owned());
+        Some(TableValue { position_text, position_mm, direction, value_mm: parse_finite_number(word)?, value_text })
     };
     let [of_forward, of_reverse] = MotionDirection::ALL;
     Some([value(of_forward, forward)?, value(of_reverse, reverse)?])

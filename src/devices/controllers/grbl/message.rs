@@ -1,6 +1,8 @@
 //! Lines of a Grbl control, and the meanings of its numbers (grblHAL `alarms.h` and `errors.h`, Grbl 1.1
 //! interface).
 
+use crate::finite_numbers::{parse_finite_number, parse_finite_numbers};
+
 /// One line that the control sends.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum GrblMessage {
@@ -93,8 +95,7 @@ impl GrblMessage {
         }
         if let Some((number, value)) = line.strip_prefix('$').and_then(|rest| rest.split_once('=')) {
             // Some values are text; older controls append the meaning of the number in brackets.
-            let value = value.split_whitespace().next()?;
-            let value = value.parse().ok().filter(|value: &f64| value.is_finite())?;
+            let value = parse_finite_number(value.split_whitespace().next()?)?;
             return Some(Self::Setting(number.parse().ok()?, value));
         }
         if let Some(report) = line.strip_prefix('<').and_then(|rest| rest.strip_suffix('>')) {
@@ -106,7 +107,7 @@ impl GrblMessage {
         let (name, value) = line.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
         match name {
             "PRB" => parse_probe_result(value),
-            "TIME" => parse_seconds(value).map(Self::ContactTime),
+            "TIME" => parse_finite_number(value).map(Self::ContactTime),
             "VER" => Some(Self::Version(value.trim_end_matches(':').to_owned())),
             "OPT" => value.split(',').nth(2)?.parse().ok().map(GrblMessage::MaxLineBytes),
             "AXS" => Some(GrblMessage::AxisLetters(value.split_once(':')?.1.to_owned())),
@@ -121,7 +122,7 @@ impl GrblMessage {
 
 fn parse_probe_result(value: &str) -> Option<GrblMessage> {
     let (list, has_contact) = value.rsplit_once(':')?;
-    let values = parse_finite_numbers(list)?;
+    let values = parse_number_list(list)?;
     match has_contact {
         "0" => Some(GrblMessage::ProbeResult { values, has_contact: false }),
         "1" => Some(GrblMessage::ProbeResult { values, has_contact: true }),
@@ -130,18 +131,12 @@ fn parse_probe_result(value: &str) -> Option<GrblMessage> {
 }
 
 fn parse_offset(name: &str, value: &str) -> Option<GrblMessage> {
-    let values = parse_finite_numbers(&value.replace(':', ","))?;
+    let values = parse_number_list(&value.replace(':', ","))?;
     Some(GrblMessage::Offset { name: name.to_owned(), values })
 }
 
-fn parse_finite_numbers(list: &str) -> Option<Vec<f64>> {
-    let values: Result<Vec<f64>, _> = list.split(',').map(str::parse).collect();
-    values.ok().filter(|values| values.iter().all(|value| value.is_finite()))
-}
-
-/// Parses a time, s. Rejects a time that is not finite: the reading could not be stored.
-fn parse_seconds(value: &str) -> Option<f64> {
-    value.parse().ok().filter(|seconds: &f64| seconds.is_finite())
+fn parse_number_list(list: &str) -> Option<Vec<f64>> {
+    parse_finite_numbers(list.split(','))
 }
 
 fn parse_status(report: &str) -> Option<GrblStatus> {
@@ -157,7 +152,7 @@ fn parse_status(report: &str) -> Option<GrblStatus> {
     let mut status = GrblStatus { state: state.to_owned(), substate, ..GrblStatus::default() };
     for (name, value) in fields.filter_map(|field| field.split_once(':')) {
         match name {
-            "MPos" => status.machine_position = parse_finite_numbers(value),
+            "MPos" => status.machine_position = parse_number_list(value),
             "Pn" => {
                 status.is_probe_closed = value.contains('P');
                 status.active_inputs = value.to_owned();
@@ -165,7 +160,7 @@ fn parse_status(report: &str) -> Option<GrblStatus> {
             "Ov" => status.overrides = parse_overrides(value),
             "FW" => status.has_all_fields = true,
             "MPG" => status.is_pendant_in_control = value == "1",
-            "Time" => status.control_time_s = parse_seconds(value),
+            "Time" => status.control_time_s = parse_finite_number(value),
             _ => {}
         }
     }
@@ -173,7 +168,7 @@ fn parse_status(report: &str) -> Option<GrblStatus> {
 }
 
 fn parse_overrides(value: &str) -> Option<Overrides> {
-    let [feed_percent, rapid_percent, ..] = parse_finite_numbers(value)?[..] else { return None };
+    let [feed_percent, rapid_percent, ..] = parse_number_list(value)?[..] else { return None };
     Some(Overrides { feed_percent, rapid_percent })
 }
 

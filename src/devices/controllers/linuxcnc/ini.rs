@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::controllers::ControllerError;
+use crate::finite_numbers::parse_finite_number;
 
 /// INI file of LinuxCNC: values by section and key; if a key occurs twice, the first value counts.
 pub(crate) struct IniFile(BTreeMap<(String, String), String>);
@@ -39,7 +40,7 @@ impl IniFile {
     }
 
     pub fn number(&self, section: &str, key: &str) -> Option<f64> {
-        self.value(section, key)?.parse().ok().filter(|number: &f64| number.is_finite())
+        parse_finite_number(self.value(section, key)?)
     }
 
     /// Value of `[KINS]KINEMATICS`: the module of the kinematics and its arguments.

@@ -1,6 +1,7 @@
 //! The result log that a program writes, line by line.
 
 use crate::controllers::ControllerError;
+use crate::finite_numbers::parse_finite_numbers;
 use machine::{Axis, Position};
 use planning::gcode::ProbeFault;
 
@@ -55,14 +56,7 @@ impl ResultLog {
             log.line_count += 1;
             let (kind, rest) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
             let garbled = || ControllerError::UnreadableReply { text: line.trim().to_owned() };
-            // Rust parses `nan` as a number, but it is no position.
-            let numbers: Vec<f64> = rest
-                .split_whitespace()
-                .map(str::parse)
-                .collect::<Result<_, _>>()
-                .ok()
-                .filter(|numbers: &Vec<f64>| numbers.iter().all(|number| number.is_finite()))
-                .ok_or_else(garbled)?;
+            let numbers = parse_finite_numbers(rest.split_whitespace()).ok_or_else(garbled)?;
             match (kind, numbers.as_slice()) {
                 ("END", []) => log.is_complete = true,
                 ("offset", []) => log.result = Some(ProgramResult::ProgramOffsetSlotNotZero),

@@ -2,6 +2,7 @@
 
 use super::rsh::RshClient;
 use crate::controllers::ControllerError;
+use crate::finite_numbers::parse_finite_numbers;
 use machine::{Axis, Position};
 
 /// Order of the positions in the answers of linuxcncrsh, whatever axes the machine has.
@@ -100,10 +101,8 @@ pub(super) async fn read_numbers(rsh: &mut RshClient, key: &str) -> Result<Vec<f
 
 /// Parses the numbers of an answer, one for each axis that may be reported.
 pub(super) fn parse_numbers(values: &str) -> Result<Vec<f64>, ControllerError> {
-    let numbers: Result<Vec<f64>, _> = values.split_whitespace().map(str::parse).collect();
-    let is_complete =
-        |numbers: &Vec<f64>| numbers.len() >= REPORTED_AXES.len() && numbers.iter().all(|number| number.is_finite());
-    let numbers = numbers.ok().filter(is_complete);
+    let numbers = parse_finite_numbers(values.split_whitespace());
+    let numbers = numbers.filter(|numbers| numbers.len() >= REPORTED_AXES.len());
     numbers.ok_or_else(|| ControllerError::UnreadableReply { text: values.to_owned() })
 }
 

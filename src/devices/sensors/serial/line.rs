@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use crate::finite_numbers::parse_finite_number;
 use crate::sensors::encoder_count;
 use crate::sensors::sample_layout::{DecodedSample, InvalidReason, NumberLocation, SampleLayout, check_scale};
 
@@ -112,7 +113,7 @@ impl NumberLocation for ColumnNumber {
     type Condition = (ColumnNumber, String);
 
     fn read_number(self, columns: &[&str]) -> Result<f64, ()> {
-        self.text_in(columns).and_then(parse_finite_number).ok_or(())
+        self.text_in(columns).and_then(parse_decimal_number).ok_or(())
     }
 
     fn read_integer(self, columns: &[&str]) -> Result<i128, ()> {
@@ -167,9 +168,9 @@ impl LineFormat {
 }
 
 /// Parses a decimal number; unlike Rust it accepts no `inf` or `nan`.
-fn parse_finite_number(text: &str) -> Option<f64> {
-    let plain = text.chars().all(|character| NUMBER_CHARACTERS.contains(character));
-    text.parse().ok().filter(|number: &f64| plain && number.is_finite())
+fn parse_decimal_number(text: &str) -> Option<f64> {
+    let is_decimal = text.chars().all(|character| NUMBER_CHARACTERS.contains(character));
+    parse_finite_number(text).filter(|_| is_decimal)
 }
 
 impl TryFrom<LineKeys> for LineFormat {

@@ -3,6 +3,7 @@
 //! nothing were lost, contrary to sampler(9). Seen in LinuxCNC 2.9.0.)
 
 use super::tick_clock::{Tick, TickClock};
+use crate::finite_numbers::parse_finite_numbers;
 use machine::Axis;
 use machine::record::axis_track::AxisTrack;
 
@@ -134,11 +135,7 @@ impl TickRecord {
 fn parse_tick_line(line: &str, axis_count: usize) -> Option<(i64, Vec<f64>, bool)> {
     let mut words = line.split_whitespace();
     let number = words.next()?.parse().ok()?;
-    let at: Vec<f64> = words
-        .by_ref()
-        .take(axis_count)
-        .map(|word| word.parse().ok().filter(|value: &f64| value.is_finite()))
-        .collect::<Option<_>>()?;
+    let at = parse_finite_numbers(words.by_ref().take(axis_count))?;
     let has_missing_ticks = match (words.next()?, words.next()) {
         ("0", None) => false,
         ("1", None) => true,
