@@ -127,11 +127,7 @@ async fn query_matching_line(address: &LinkAddress, request: &[u8], is_match: im
 /// Whether a Modbus device answers as `unit`; an exception reply counts as an answer.
 pub(in crate::controllers) async fn has_modbus_unit(line: &ModbusLineConfig, unit: u8) -> bool {
     let read = vec![RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 }];
-    let settings = DeviceSettings {
-        unit,
-        timeout: MODBUS_REPLY_TIMEOUT,
-        access_list: AccessList { readable: read, writable: Vec::new() },
-    };
+    let settings = DeviceSettings { unit, timeout: MODBUS_REPLY_TIMEOUT, access_list: AccessList::read_only(read) };
     let Ok(modbus) = ModbusClient::open(line.clone(), settings).await else { return false };
     let reply = modbus.read(RegisterSpace::Input, 0, 1).await;
     matches!(reply, Ok(_) | Err(ModbusError::ExceptionReply { .. }))

@@ -27,6 +27,10 @@ impl RegisterRange {
 }
 
 impl AccessList {
+    pub fn read_only(readable: Vec<RegisterRange>) -> Self {
+        Self { readable, writable: Vec::new() }
+    }
+
     /// # Errors
     /// [`ModbusError::NotAllowed`], with the reason.
     pub(super) fn check_access(&self, access: &RegisterAccess) -> Result<(), ModbusError> {

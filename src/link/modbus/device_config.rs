@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::framing::Framing;
 use super::line_config::{ModbusLineConfig, Parity};
+use super::{AccessList, DeviceSettings};
 use crate::{HostPort, LinkConfig, LinkKeys};
 
 /// Default baud rate of the Modbus serial line specification; the default parity is in [`ModbusLineConfig`].
@@ -39,6 +40,11 @@ impl ModbusDeviceConfig {
     /// Description with baud rate and unit identifier.
     pub fn describe(&self) -> String {
         format!("{}, unit {}", self.line.link.describe(), self.unit)
+    }
+
+    /// Settings of the device for a client that may access the registers of `access_list`.
+    pub fn settings(&self, access_list: AccessList) -> DeviceSettings {
+        DeviceSettings { unit: self.unit, timeout: self.timeout, access_list }
     }
 }
 

@@ -15,7 +15,7 @@ use super::timeouts::{HeartbeatMonitor, ModbusTimeouts};
 use crate::controllers::stall_detector::StallDetector;
 use crate::controllers::{ControllerError, HaltHandle};
 use link::modbus::number_format::RegisterValueError;
-use link::modbus::{DeviceSettings, ModbusClient, ModbusDeviceConfig, ModbusError, UrgentWriteSender};
+use link::modbus::{ModbusClient, ModbusDeviceConfig, ModbusError, UrgentWriteSender};
 use machine::Position;
 
 /// Interval of trued's own heartbeat while nothing else is written.
@@ -33,18 +33,6 @@ pub(super) struct RunningChunk {
 }
 
 impl RunningChunk {
-    fn new(name: &str, sequence: u16, standstill_time: Duration) -> Self {
-        let (started, stall_detector) = (Instant::now(), StallDetector::new());
-        Self {
-            error_label: name.to_owned(),
-            sequence,
-            planned_standstill_time: standstill_time,
-            started_at: started,
-            stall_detector,
-            next_poll_delay: None,
-        }
-    }
-
     /// Waits before the next read of the status. The delay grows with each read, up to `max_delay`. The second read
     /// follows at once: a line that takes no time, such as a modal word, is complete by then.
     async fn wait_before_poll(&mut self, max_delay: Duration) {
@@ -107,7 +95,7 @@ impl WindowConnection {
         device: &ModbusDeviceConfig,
         map: WindowRegisterMap,
     ) -> Result<(Self, HaltHandle), ControllerError> {
-        let settings = DeviceSettings { unit: device.unit, timeout: device.timeout, access_list: map.access_ranges() };
+        let settings = device.settings(map.access_ranges());
         let (at, words) = map.command.hold.encode_value(1).map_err(encoding_error)?;
         let link = Arc::new(ModbusClient::open(device.line.clone(), settings).await?);
         let hold_sender = link.prepare_urgent_write(at, &words)?;
@@ -227,7 +215,14 @@ impl WindowConnection {
             Err(error) => Err(error),
         };
         match sent {
-            Ok(()) => Ok(RunningChunk::new(name, sequence, planned_standstill_time)),
+            Ok(()) => Ok(RunningChunk {
+                error_label: name.to_owned(),
+                sequence,
+                planned_standstill_time,
+                started_at: Instant::now(),
+                stall_detector: StallDetector::new(),
+                next_poll_delay: None,
+            }),
             Err(_) if self.halt.is_halt_requested() => Err(self.resend_hold_until_at_rest().await),
             Err(error) => Err(error),
         }
@@ -291,9 +286,7 @@ impl WindowConnection {
                 last_beat_at = Instant::now();
             }
             match status.state {
-                WindowState::Idle if beats.len() > 2 && status.executed_sequence == status.checked_sequence => {
-                    break;
-                }
+                WindowState::Idle if beats.len() > 2 && status.executed_sequence == status.checked_sequence => break,
                 WindowState::Idle | WindowState::Running => self.send_hold(),
                 _ => break,
             }
@@ -343,9 +336,7 @@ pub(super) fn next_heartbeat(heartbeat: &AtomicU16) -> u16 {
 async fn write_heartbeats(link: Arc<ModbusClient>, map: WindowRegisterMap, own_heartbeat: Arc<AtomicU16>) {
     loop {
         sleep(HEARTBEAT_INTERVAL).await;
-        let Ok((at, words)) = map.command.heartbeat.encode_value(next_heartbeat(&own_heartbeat)) else {
-            return;
-        };
+        let Ok((at, words)) = map.command.heartbeat.encode_value(next_heartbeat(&own_heartbeat)) else { return };
         if let Err(ModbusError::HoldActive { .. } | ModbusError::LinkThreadEnded { .. }) =
             link.write_without_read_back(at, &words).await
         {

@@ -53,25 +53,23 @@ impl TryFrom<ModbusSensorKeys> for ModbusSensorConfig {
 
     fn try_from(keys: ModbusSensorKeys) -> Result<Self, String> {
         let ModbusSensorKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
-        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
-        let device = ModbusDeviceConfig::try_from(device)?;
+        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s }.try_into()?;
         if !(0.001..=1e4).contains(&keys.rate_hz) {
             return Err(format!("`rate_hz` is {}; permitted: 0.001 to 10000", keys.rate_hz));
         }
         if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
             return Err("`space` must be `input` or `holding`: a bit cannot hold a distance".to_owned());
         }
-        let read_interval = Duration::from_secs_f64(1.0 / keys.rate_hz);
+        let min_read_interval = Duration::from_secs_f64(1.0 / keys.rate_hz);
         let ModbusSensorKeys { space, value, counter, encoder_count, status, .. } = keys;
-        let map = SensorRegisterMap::new(space, value, counter, encoder_count, status)?;
-        Ok(Self { device, min_read_interval: read_interval, register_map: map })
+        let register_map = SensorRegisterMap::new(space, value, counter, encoder_count, status)?;
+        Ok(Self { device, min_read_interval, register_map })
     }
 }
 
 impl ModbusSensorConfig {
     /// Settings of the device: the link may read the registers of the map only, and write none.
     pub(super) fn device_settings(&self) -> DeviceSettings {
-        let allowed = AccessList { readable: vec![self.register_map.span], writable: Vec::new() };
-        DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, access_list: allowed }
+        self.device.settings(AccessList::read_only(vec![self.register_map.span]))
     }
 }

@@ -9,8 +9,8 @@ use super::{ThermometerError, require_plausible_temperature};
 use link::HostPort;
 use link::modbus::number_format::{ByteOrder, NumberFormat, NumberType};
 use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusClient, ModbusDeviceConfig, ModbusDeviceKeys, ModbusError, Parity,
-    RegisterRange, RegisterSpace,
+    AccessList, Framing, ModbusClient, ModbusDeviceConfig, ModbusDeviceKeys, ModbusError, Parity, RegisterRange,
+    RegisterSpace,
 };
 
 #[derive(Debug, Deserialize)]
@@ -59,24 +59,23 @@ impl TryFrom<ModbusThermometerKeys> for ModbusThermometerConfig {
 
     fn try_from(keys: ModbusThermometerKeys) -> Result<Self, String> {
         let ModbusThermometerKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
-        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
-        let device = ModbusDeviceConfig::try_from(device)?;
+        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s }.try_into()?;
         if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
             return Err("`space` must be `input` or `holding`: a bit cannot hold a temperature".to_owned());
         }
-        let ModbusThermometerValueKeys { register, number_type: kind, order, scale_c, offset_c } = keys.value;
+        let ModbusThermometerValueKeys { register, number_type, order, scale_c, offset_c } = keys.value;
         if scale_c == 0.0 || !scale_c.is_finite() || !offset_c.is_finite() {
             return Err(format!(
                 "`value.scale_c` is {scale_c}, `value.offset_c` is {offset_c}; set `scale_c` to the °C of one \
                  count, e.g. 0.1, and `offset_c` to the °C at zero counts"
             ));
         }
-        let number = NumberFormat { number_type: kind, order, scale: scale_c };
+        let number_format = NumberFormat { number_type, order, scale: scale_c };
         let last = register
-            .checked_add(number.register_count() - 1)
+            .checked_add(number_format.register_count() - 1)
             .ok_or_else(|| format!("`value.register` at {register} extends beyond register 65535"))?;
         let span = RegisterRange { space: keys.space, first: register, last };
-        Ok(Self { device, span, number_format: number, offset_c })
+        Ok(Self { device, span, number_format, offset_c })
     }
 }
 
@@ -92,9 +91,9 @@ impl ThermometerReader {
     /// Creates the reader for the device that all `configs` share, without opening the link; `None` if `configs` is
     /// empty.
     pub fn for_device<'c>(mut configs: impl Iterator<Item = &'c ModbusThermometerConfig> + Clone) -> Option<Self> {
-        let read = configs.clone().map(|config| config.span).collect();
+        let allowed = AccessList::read_only(configs.clone().map(|config| config.span).collect());
         let device = configs.next()?.device.clone();
-        Some(Self { device, allowed: AccessList { readable: read, writable: Vec::new() }, client: None })
+        Some(Self { device, allowed, client: None })
     }
 
     /// Reads the temperature, °C.
@@ -105,10 +104,7 @@ impl ThermometerReader {
         let RegisterRange { space, first, last } = config.span;
         let link = match self.client.take() {
             Some(link) => link,
-            None => {
-                let ModbusDeviceConfig { line, unit, timeout } = self.device.clone();
-                ModbusClient::open(line, DeviceSettings { unit, timeout, access_list: self.allowed.clone() }).await?
-            }
+            None => ModbusClient::open(self.device.line.clone(), self.device.settings(self.allowed.clone())).await?,
         };
         let words = link.read(space, first, last - first + 1).await;
         self.client = Some(link).filter(|_| !matches!(words, Err(ModbusError::LinkThreadEnded { .. })));
