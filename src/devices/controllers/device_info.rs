@@ -112,20 +112,16 @@ impl PossibleCause {
         Self { is_observed: false, needs_other_settings_search: false, cause, evidence, remedy }
     }
 
-    /// A suspected cause about which a search with other settings could find out more.
-    pub(in crate::controllers) fn suspected_before_search(
-        cause: impl Into<String>,
-        evidence: impl Into<String>,
-        remedy: impl Into<String>,
-    ) -> Self {
-        Self { needs_other_settings_search: true, ..Self::suspected(cause, evidence, remedy) }
+    /// Returns this cause as one about which a search with other settings could find out more.
+    pub(in crate::controllers) fn before_search(self) -> Self {
+        Self { needs_other_settings_search: true, ..self }
     }
 }
 
 impl fmt::Display for PossibleCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { is_observed: is_confirmed, cause, evidence, .. } = self;
-        let grade = if *is_confirmed { "" } else { "suspected: " };
+        let Self { is_observed, cause, evidence, .. } = self;
+        let grade = if *is_observed { "" } else { "suspected: " };
         write!(f, "{grade}{cause} ({evidence})")
     }
 }

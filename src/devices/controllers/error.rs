@@ -86,6 +86,11 @@ impl ControllerError {
         Self::NotReady { state: state.into(), remedy: remedy.into() }
     }
 
+    /// Error for the reply `reply` by which the control refuses `line`.
+    pub(in crate::controllers) fn line_refused(line: &str, reply: impl Into<String>, meaning: &str) -> Self {
+        Self::LineRefused { line: line.to_owned(), reply: reply.into(), meaning: meaning.to_owned() }
+    }
+
     pub(in crate::controllers) fn no_answer(line: &str, waited: Duration) -> Self {
         Self::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
     }
@@ -94,11 +99,8 @@ impl ControllerError {
     /// anything else moves (grblHAL `alarms.h`; LinuxCNC reports itself whether it is homed). After `HoldFailed` the
     /// operator has stopped the machine by its emergency stop.
     pub fn may_have_lost_position(&self) -> bool {
-        match self {
-            ControllerError::ControlReset { .. } | Self::HoldFailed { .. } => true,
-            Self::Alarm { code, .. } => matches!(code, 1 | 3 | 6..=10 | 17),
-            _ => false,
-        }
+        let is_alarm_with_lost_position = matches!(self, Self::Alarm { code: 1 | 3 | 6..=10 | 17, .. });
+        is_alarm_with_lost_position || matches!(self, Self::ControlReset { .. } | Self::HoldFailed { .. })
     }
 
     /// Whether the machine is at rest after this error on every control: the control reports the fault at a
@@ -146,9 +148,7 @@ impl ControllerError {
             Self::NotReady { remedy, .. }
             | Self::UnexpectedDevice { remedy, .. }
             | ControllerError::UnsupportedByControl { remedy, .. }
-            | ControllerError::MissingPositionTrack { remedy, .. } => {
-                return remedy.clone();
-            }
+            | ControllerError::MissingPositionTrack { remedy, .. } => return remedy.clone(),
             Self::NoAnswer { .. }
             | Self::UnexpectedReply { .. }
             | Self::TouchMismatch { .. }

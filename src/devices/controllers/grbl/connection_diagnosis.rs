@@ -65,7 +65,7 @@ fn passive_diagnosis(address: &LinkAddress, received: &str) -> Vec<PossibleCause
             "compare [controller] tcp and kind with the control's manual, or permit the search for other controls",
         ),
     };
-    vec![PossibleCause::suspected_before_search(cause, received, remedy)]
+    vec![PossibleCause::suspected(cause, received, remedy).before_search()]
 }
 
 fn wrong_baud_diagnosis(baud: u32, actual_baud: u32, reply: &str) -> PossibleCause {

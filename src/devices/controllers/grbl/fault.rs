@@ -6,11 +6,7 @@ use super::message::{GrblMessage, GrblStatus, Overrides, error_meaning};
 use crate::controllers::{ControllerError, ReadinessFinding};
 
 pub(super) fn refusal_error(line: &str, code: u32) -> ControllerError {
-    ControllerError::LineRefused {
-        line: line.to_owned(),
-        reply: format!("error:{code}"),
-        meaning: error_meaning(code).to_owned(),
-    }
+    ControllerError::line_refused(line, format!("error:{code}"), error_meaning(code))
 }
 
 /// Error if the answering device is not a Grbl control, or if nothing answers.

@@ -30,11 +30,11 @@ impl LinuxCncConfig {
                     format!("{failure}; requests in the protocols of other controls also had no valid reply");
                 vec![found.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&address.to_string(), &evidence))]
             }
-            DiagnosisMode::ConfiguredSettings if is_foreign => vec![PossibleCause::suspected_before_search(
-                "wrong port, or another kind of control",
-                failure.to_string(),
-                "compare [controller] tcp and kind with the start command of the control",
-            )],
+            DiagnosisMode::ConfiguredSettings if is_foreign => {
+                let remedy = "compare [controller] tcp and kind with the start command of the control";
+                let cause = "wrong port, or another kind of control";
+                vec![PossibleCause::suspected(cause, failure.to_string(), remedy).before_search()]
+            }
             _ => Vec::new(),
         }
     }

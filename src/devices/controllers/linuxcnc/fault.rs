@@ -63,11 +63,7 @@ fn interpret_messages(step: u32, messages: &[String]) -> ControllerError {
     } else {
         "LinuxCNC stopped the program"
     };
-    ControllerError::LineRefused {
-        line: format!("the program of step {step}"),
-        reply: messages.join("; "),
-        meaning: meaning.to_owned(),
-    }
+    ControllerError::line_refused(&format!("the program of step {step}"), messages.join("; "), meaning)
 }
 
 /// Returns an error for an active emergency stop or a machine that is off. An emergency stop comes without

@@ -30,7 +30,8 @@ impl RshClient {
         let mut rsh = Self { link, server_identity: String::new(), halt_handle: None };
         let answer = rsh.send_request("hello EMC trued 1.0", &["HELLO"]).await?;
         let Some(server) = answer.strip_prefix("ACK") else {
-            return Err(refusal_error("hello EMC trued 1.0", answer, "linuxcncrsh requires another password"));
+            let meaning = "linuxcncrsh requires another password";
+            return Err(ControllerError::line_refused("hello EMC trued 1.0", answer, meaning));
         };
         rsh.server_identity = server.trim().to_owned();
         // This command is not answered, but perhaps echoed.
@@ -51,7 +52,8 @@ impl RshClient {
         let refusal = format!("GET {key}");
         let answer = self.send_request(&line, &[&key, &refusal]).await?;
         if answer == "NAK" {
-            return Err(refusal_error(&line, answer, "this linuxcncrsh does not support the command"));
+            let meaning = "this linuxcncrsh does not support the command";
+            return Err(ControllerError::line_refused(&line, answer, meaning));
         }
         Ok(answer)
     }
@@ -64,7 +66,8 @@ impl RshClient {
         if answer == "ACK" {
             return Ok(());
         }
-        Err(refusal_error(&line, answer, "the command is not allowed now, or another program has taken control"))
+        let meaning = "the command is not allowed now, or another program has taken control";
+        Err(ControllerError::line_refused(&line, answer, meaning))
     }
 
     /// Sends a `set` that the task must accept; linuxcncrsh acknowledges it when the task has accepted it.
@@ -104,10 +107,7 @@ impl RshClient {
                 Some(LineEvent::Noise { bytes }) => {
                     return Err(ControllerError::UnreadableReply { text: format!("{bytes} unreadable bytes") });
                 }
-                None => {
-                    let seconds = REPLY_TIMEOUT.as_secs_f64();
-                    return Err(ControllerError::NoAnswer { line: line.to_owned(), seconds });
-                }
+                None => return Err(ControllerError::no_answer(line, REPLY_TIMEOUT)),
             }
         }
     }
@@ -137,8 +137,4 @@ fn connection_error(address: &LinkAddress, error: LinkError) -> ControllerError 
         ),
         other => other.into(),
     }
-}
-
-fn refusal_error(line: &str, reply: String, meaning: &str) -> ControllerError {
-    ControllerError::LineRefused { line: line.to_owned(), reply, meaning: meaning.to_owned() }
 }

@@ -13,8 +13,7 @@ use crate::controllers::{
     ConnectionDiagnosisRequest, ControllerError, DiagnosisMode, PossibleCause, port_diagnosis, port_scan,
 };
 use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLineConfig, Parity, RegisterRange,
-    RegisterSpace,
+    AccessList, Framing, ModbusClient, ModbusError, ModbusLineConfig, Parity, RegisterRange, RegisterSpace,
 };
 use link::{LinkAddress, LinkConfig};
 use machine::record::machine::Machine;
@@ -54,9 +53,7 @@ impl ModbusConfig {
     async fn open_read_only(&self) -> Result<ModbusClient, ModbusError> {
         let all = |space| RegisterRange { space, first: 0, last: u16::MAX };
         let read = vec![all(RegisterSpace::Input), all(RegisterSpace::Holding)];
-        let allowed = AccessList { readable: read, writable: Vec::new() };
-        let settings = DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, access_list: allowed };
-        ModbusClient::open(self.device.line.clone(), settings).await
+        ModbusClient::open(self.device.line.clone(), self.device.settings(AccessList::read_only(read))).await
     }
 
     /// Finds out why the control answers but its status is refused: format, addresses or kind of the window.
@@ -64,18 +61,16 @@ impl ModbusConfig {
         let Ok(modbus) = self.open_read_only().await else { return Vec::new() };
         let block = read_status_block(&modbus, &self.map).await;
         if let Some(block) = block.filter(|block| format_diagnosis::is_valid_status(&self.map, block)) {
-            let are_positions_plausible = format_diagnosis::are_positions_plausible(&self.map, &block, machine);
-            return if are_positions_plausible {
-                Vec::new()
-            } else {
-                format_diagnosis::diagnose_position_format(&self.map, &block, machine)
-            };
+            if format_diagnosis::are_positions_plausible(&self.map, &block, machine) {
+                return Vec::new();
+            }
+            return format_diagnosis::diagnose_position_format(&self.map, &block, machine);
         }
         if let Some(other) = diagnose_window_kind(&modbus, &self.map).await {
             return vec![other];
         }
         if mode == DiagnosisMode::ConfiguredSettings {
-            return vec![PossibleCause { needs_other_settings_search: true, ..wrong_address_diagnosis() }];
+            return vec![wrong_address_diagnosis().before_search()];
         }
         for (shift, in_other_space) in format_diagnosis::STATUS_SHIFT_CANDIDATES {
             let shifted = format_diagnosis::shifted_status_range(&self.map.status, shift, in_other_space);
@@ -119,7 +114,7 @@ impl ModbusConfig {
                  search for other settings",
             ),
         };
-        PossibleCause::suspected_before_search(cause, failure.to_string(), remedy.to_owned())
+        PossibleCause::suspected(cause, failure.to_string(), remedy).before_search()
     }
 
     /// Searches for other units, settings and protocols that answer.
@@ -144,10 +139,8 @@ impl ModbusConfig {
         for parity in [Parity::Even, Parity::None, Parity::Odd] {
             let line = ModbusLineConfig { parity, ..self.device.line.clone() };
             if parity != self.device.line.parity && port_scan::has_modbus_unit(&line, self.device.unit).await {
-                return Some(wrong_line_settings_diagnosis(
-                    "wrong parity",
-                    &format!("parity = \"{parity:?}\"").to_lowercase(),
-                ));
+                let key = format!("parity = \"{parity:?}\"").to_lowercase();
+                return Some(wrong_line_settings_diagnosis("wrong parity", &key));
             }
         }
         for other in port_scan::BAUD_RATES.into_iter().filter(|rate| *rate != baud) {
@@ -230,8 +223,7 @@ fn wrong_address_diagnosis() -> PossibleCause {
         "wrong addresses, wrong space, or a program in the control that provides another window",
         "the registers contain no valid status: head and tail, version or state do not agree",
         "compare [controller.registers] with the control's program (docs/line-window.md); addresses \
-                 in the machine file count from 0"
-            .to_owned(),
+         in the machine file count from 0",
     )
 }
 

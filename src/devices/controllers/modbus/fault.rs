@@ -42,11 +42,7 @@ fn refusal_meaning(error: u16) -> &'static str {
 }
 
 pub(super) fn refusal_error(line: &str, error: u16) -> ControllerError {
-    ControllerError::LineRefused {
-        line: line.to_owned(),
-        reply: format!("error {error}"),
-        meaning: refusal_meaning(error).to_owned(),
-    }
+    ControllerError::line_refused(line, format!("error {error}"), refusal_meaning(error))
 }
 
 pub(super) fn unexpected_sequence_error(status: &WindowStatus, sequence: u16) -> ControllerError {
