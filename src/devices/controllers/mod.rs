@@ -284,9 +284,8 @@ impl Controller {
 async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver<DriverRequest>, halt: HaltHandle) {
     // After a halt a control reports that it is not ready: the error is `Halted`. A lost position is reported
     // nevertheless.
-    let held = |error: ControllerError| match halt.is_halt_requested() && !error.may_have_lost_position() {
-        true => ControllerError::Halted,
-        false => error,
+    let held = |error: ControllerError| {
+        if halt.is_halt_requested() && !error.may_have_lost_position() { ControllerError::Halted } else { error }
     };
     while let Some(request) = inbox.recv().await {
         match request {

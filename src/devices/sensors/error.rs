@@ -47,9 +47,7 @@ impl SensorError {
                  with its manual; set a longer `timeout_s` for a slow sensor"
                     .to_owned()
             }
-            Self::Modbus(error) => {
-                format!("{}; for the sensor: the keys of [sensor.modbus]", error.remedy())
-            }
+            Self::Modbus(error) => format!("{}; for the sensor: the keys of [sensor.modbus]", error.remedy()),
             Self::Can(error) => error.remedy(),
             Self::Silent { .. } => {
                 "check the sensor's power and cable, and that the sensor is set to send data".to_owned()

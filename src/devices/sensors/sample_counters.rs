@@ -31,10 +31,10 @@ impl SampleCounters {
 
 impl fmt::Display for SampleCounters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { received_count, lost_sample_count: missing_count, stale_count, unrequested_count } = self;
+        let Self { received_count, lost_sample_count, stale_count, unrequested_count } = self;
         write!(
             f,
-            "{received_count} samples received, {missing_count} missing, {stale_count} timeouts, \
+            "{received_count} samples received, {lost_sample_count} missing, {stale_count} timeouts, \
              {unrequested_count} not requested"
         )
     }

@@ -104,12 +104,8 @@ impl GrblConnection {
                     if !self.halt.is_halt_requested() {
                         self.fail_on_uncommanded_state(&status).await?;
                         let limit = self.timeouts.max_unchanged_time(&status);
-                        stall_detector.check_not_stalled(
-                            (status.state, status.machine_position),
-                            limit,
-                            standstill_time,
-                            line,
-                        )?;
+                        let state = (status.state, status.machine_position);
+                        stall_detector.check_not_stalled(state, limit, standstill_time, line)?;
                     }
                 }
                 Some(GrblMessage::Unknown(_)) => {}
@@ -139,9 +135,7 @@ impl GrblConnection {
     /// feed has another latch delay and overtravel.
     fn hold_unless_overrides_are_100_percent(&self) -> Result<(), ControllerError> {
         let overrides = self.last_overrides.filter(|_| self.is_block_running);
-        let Some(ReadinessFinding { description, .. }) = overrides.and_then(override_finding) else {
-            return Ok(());
-        };
+        let Some(ReadinessFinding { description, .. }) = overrides.and_then(override_finding) else { return Ok(()) };
         self.send_hold();
         let remedy = "the machine was held: inspect it, reset the control, home the machine, and set both overrides \
                       to 100 %";

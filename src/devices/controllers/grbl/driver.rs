@@ -152,9 +152,7 @@ impl GrblDriver {
         outcome.trigger_time_s = result.contact_time_s;
         Ok(status)
     }
-}
 
-impl GrblDriver {
     async fn execute_block(&mut self, block: &ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         let lines = motion_lines::motion_lines(block)?;
         self.check_block_start(block).await?;

@@ -78,10 +78,9 @@ impl ControllerConfig for LinuxCncConfig {
                 Some(sampler) => Some(SamplerClient::open(sampler, &axes, clock).await?),
                 None => None,
             };
-            let directory = self.program_dir.clone();
             let settings = LinuxCncSettings {
                 address: (&self.tcp).into(),
-                shared_directory: directory,
+                shared_directory: self.program_dir.clone(),
                 axes,
                 ini_path: self.ini.clone(),
             };

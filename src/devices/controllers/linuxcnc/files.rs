@@ -52,24 +52,24 @@ impl SharedFiles {
 
     /// Returns what the program of `step` has written so far.
     pub fn read_log(&self, step: u32) -> Result<ResultLog, ControllerError> {
-        match self.0.read_file(LOG_FILE_NAME) {
-            Ok(Some(text)) => ResultLog::parse(&text, step),
-            Ok(None) => Ok(ResultLog::default()),
-            Err(error) => Err(self.directory_error(LOG_FILE_NAME, &error)),
-        }
+        ResultLog::parse(&self.read_log_text()?.unwrap_or_default(), step)
     }
 
     /// Checks that the log exists, after a program that should have opened it.
     pub fn require_log(&self) -> Result<(), ControllerError> {
-        match self.0.read_file(LOG_FILE_NAME) {
-            Ok(Some(_)) => Ok(()),
-            Ok(None) => Err(ControllerError::not_ready(
-                format!("LinuxCNC has run a program but has not written {}", self.0.file_path(LOG_FILE_NAME).display()),
-                "check [controller] program_dir: the user of LinuxCNC needs this folder under the same path, with \
-                 write permission; a network folder may update late",
-            )),
-            Err(error) => Err(self.directory_error(LOG_FILE_NAME, &error)),
+        if self.read_log_text()?.is_some() {
+            return Ok(());
         }
+        Err(ControllerError::not_ready(
+            format!("LinuxCNC has run a program but has not written {}", self.result_log_path()),
+            "check [controller] program_dir: the user of LinuxCNC needs this folder under the same path, with \
+             write permission; a network folder may update late",
+        ))
+    }
+
+    /// Returns the text of the log; `None` if there is no log.
+    fn read_log_text(&self) -> Result<Option<String>, ControllerError> {
+        self.0.read_file(LOG_FILE_NAME).map_err(|error| self.directory_error(LOG_FILE_NAME, &error))
     }
 
     fn directory_error(&self, name: &str, error: &Error) -> ControllerError {

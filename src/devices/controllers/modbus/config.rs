@@ -45,16 +45,8 @@ impl TryFrom<ModbusConfigKeys> for ModbusConfig {
     type Error = String;
 
     fn try_from(keys: ModbusConfigKeys) -> Result<Self, String> {
-        let device = ModbusDeviceKeys {
-            serial: keys.serial,
-            serial_id: keys.serial_id,
-            baud: keys.baud,
-            parity: keys.parity,
-            tcp: keys.tcp,
-            framing: keys.framing,
-            unit: keys.unit,
-            timeout_s: keys.timeout_s,
-        };
+        let ModbusConfigKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
+        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
         let registers = keys.registers.unwrap_or_default();
         let Some(program) = keys.program else {
             let (device, map) = (device.try_into()?, registers.try_into()?);

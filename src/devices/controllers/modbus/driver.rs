@@ -203,15 +203,14 @@ impl ModbusDriver {
         Ok(status)
     }
 
-    /// Waits until the probe reads open, first in the status `last_status`; returns the status that shows it. An
+    /// Waits until the probe reads open, first in the last status, `status`; returns the status that shows it. An
     /// error after `MAX_PROBE_BOUNCE_TIME`.
     pub(super) async fn wait_probe_open(
         &mut self,
         step: u32,
-        last_status: WindowStatus,
+        mut status: WindowStatus,
     ) -> Result<WindowStatus, ControllerError> {
         let deadline = Instant::now() + MAX_PROBE_BOUNCE_TIME;
-        let mut status = last_status;
         while status.is_probe_closed {
             if Instant::now() > deadline {
                 return Err(ControllerError::ProbeStillClosed { step });
@@ -246,9 +245,8 @@ impl ModbusDriver {
         status: &WindowStatus,
     ) -> Result<Option<f64>, ControllerError> {
         let contact = ControlTimestamp { name: "latch_time_s", t_s: latch_s };
-        self.monitor
-            .clock
-            .check_and_select_time(contact, ControlTimestamp { name: "time_s", t_s: status.control_time_s })
+        let now = ControlTimestamp { name: "time_s", t_s: status.control_time_s };
+        self.monitor.clock.check_and_select_time(contact, now)
     }
 
     /// Checks before a block moves: no fault of the probe, probe open, machine at the start of the block.

@@ -76,13 +76,10 @@ pub(super) fn diagnose_position_format(
     let changes = orders.chain(kinds.iter().copied().map(FormatChange::NumberType)).chain(scales);
     let mut candidates: Vec<(FormatChange, Vec<(Axis, f64)>)> = Vec::new();
     for change in changes {
-        let Some(positions) = read_positions(&map.status, block, machine, Some(change)) else {
-            continue;
-        };
-        let is_plausible = positions.iter().any(|(_, value)| value.abs() >= MIN_PLAUSIBLE_NONZERO_POSITION_MM_OR_DEG)
-            && positions
-                .iter()
-                .all(|(_, value)| *value == 0.0 || value.abs() >= MIN_PLAUSIBLE_NONZERO_POSITION_MM_OR_DEG);
+        let Some(positions) = read_positions(&map.status, block, machine, Some(change)) else { continue };
+        let nonzero: Vec<f64> = positions.iter().map(|(_, value)| value.abs()).filter(|value| *value != 0.0).collect();
+        let is_plausible =
+            !nonzero.is_empty() && nonzero.iter().all(|value| *value >= MIN_PLAUSIBLE_NONZERO_POSITION_MM_OR_DEG);
         // Among the scales that fit, the largest represents all; among types with the same result, the
         // first.
         let is_scale_again =

@@ -58,22 +58,20 @@ impl TryFrom<CanKeys> for CanConfig {
     type Error = String;
 
     fn try_from(keys: CanKeys) -> Result<Self, String> {
-        let CanKeys { interface, frame_bytes: length, timeout_s, .. } = keys;
+        let CanKeys { interface, frame_bytes, timeout_s, .. } = keys;
         if interface.is_empty() || interface.len() > MAX_INTERFACE_NAME_LENGTH || interface.contains('/') {
             return Err(format!("`interface` is `{interface}`; set a name from `ip link`, e.g. `can0`"));
         }
         let id = CanId::new(keys.id, keys.extended).map_err(|why| format!("`id` {why}"))?;
-        if !(1..=MAX_CAN_DATA_BYTES).contains(&length) {
-            return Err(format!("`length` is {length}; a frame has 1 to {MAX_CAN_DATA_BYTES} bytes"));
+        if !(1..=MAX_CAN_DATA_BYTES).contains(&frame_bytes) {
+            return Err(format!("`length` is {frame_bytes}; a frame has 1 to {MAX_CAN_DATA_BYTES} bytes"));
         }
         if timeout_s <= 0.0 || timeout_s > MAX_TIMEOUT_S {
             return Err(format!("`timeout_s` is {timeout_s}; permitted: above 0 to {MAX_TIMEOUT_S} s"));
         }
-        let timeout = Duration::from_secs_f64(timeout_s);
-        let length = usize::from(length);
         let CanKeys { value, counter, encoder_count, status, order, .. } = keys;
-        let layout = FrameLayout::new(value, counter, encoder_count, status, order, length)?;
-        Ok(Self { interface, id, silence_timeout: timeout, layout })
+        let layout = FrameLayout::new(value, counter, encoder_count, status, order, frame_bytes.into())?;
+        Ok(Self { interface, id, silence_timeout: Duration::from_secs_f64(timeout_s), layout })
     }
 }
 

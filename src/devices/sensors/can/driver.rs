@@ -36,21 +36,17 @@ pub(super) struct CanDriver {
 
 impl CanDriver {
     pub(super) fn new(config: &CanConfig, can: CanReceiver, range_mm: [f64; 2], clock: Arc<dyn Clock>) -> Self {
-        let CanConfig { id, layout, silence_timeout: timeout, .. } = config.clone();
-        let counter = CounterTracker::new(layout.sample_layout.counter_modulus());
-        let ignored_before_s = f64::NEG_INFINITY;
-        let (bus, _simulator) = (BusState::default(), None);
         Self {
             receiver: can,
-            id,
-            layout,
+            id: config.id,
+            layout: config.layout.clone(),
             range_mm,
-            silence_timeout: timeout,
+            silence_timeout: config.silence_timeout,
             clock,
-            counter_tracker: counter,
-            ignored_before_s,
-            bus_state: bus,
-            _simulator,
+            counter_tracker: CounterTracker::new(config.layout.sample_layout.counter_modulus()),
+            ignored_before_s: f64::NEG_INFINITY,
+            bus_state: BusState::default(),
+            _simulator: None,
         }
     }
 

@@ -28,11 +28,10 @@ impl FrozenValueDetector {
         let noise_mm = 1e-3 * sensor.noise_um.filter(|noise| *noise > 0.0)?;
         let is_detectable = map.sample_layout.counter_modulus().is_none()
             && MIN_DETECTION_NOISE_SD_COUNTS * map.count_size_mm() <= noise_mm;
-        let (value_mm, unchanged_since) = (f64::NAN, Instant::now());
-        is_detectable.then_some(Self {
+        is_detectable.then(|| Self {
             min_unchanged_time: timeout,
-            last_value_mm: value_mm,
-            unchanged_since,
+            last_value_mm: f64::NAN,
+            unchanged_since: Instant::now(),
             equal_value_count: 0,
             is_frozen: false,
         })

@@ -132,14 +132,10 @@ impl NumberLocation for RegisterLocation {
 
     fn is_met(condition: &RegisterCondition, words: &[u16]) -> bool {
         match condition {
-            RegisterCondition::Status(StatusBits {
-                register,
-                lowest_bit: bit,
-                mask_after_shift: mask,
-                expected_bits,
-            }) => {
-                let bits = words.get(usize::from(*register)).map_or(0, |word| word >> bit & mask);
-                expected_bits.map_or(bits != 0, |is| bits == is)
+            RegisterCondition::Status(status) => {
+                let word = words.get(usize::from(status.register)).copied().unwrap_or_default();
+                let bits = word >> status.lowest_bit & status.mask_after_shift;
+                status.expected_bits.map_or(bits != 0, |is| bits == is)
             }
             RegisterCondition::NotFinite(value) => {
                 matches!(value.read_number(words), Err(RegisterValueError::NotFinite(_)))
@@ -182,9 +178,9 @@ impl SensorRegisterMap {
         let span = register_span(space, numbers, &status)?;
         status.iter_mut().for_each(|(status, _)| status.register -= span.first);
         let status = status.into_iter().map(|(status, flag)| (RegisterCondition::Status(status), flag));
-        let location = |register: u16, kind, order| {
-            let number = NumberFormat { number_type: kind, order, scale: 1.0 };
-            RegisterLocation { span_offset: usize::from(register - span.first), number_format: number }
+        let location = |register: u16, number_type, order| {
+            let number_format = NumberFormat { number_type, order, scale: 1.0 };
+            RegisterLocation { span_offset: usize::from(register - span.first), number_format }
         };
         let number = location(value.register, value.number_type, value.order);
         let nan = value.nan.map(|means| (RegisterCondition::NotFinite(number), means.reading_flag()));

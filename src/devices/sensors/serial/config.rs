@@ -46,17 +46,16 @@ impl TryFrom<SerialKeys> for SerialConfig {
     fn try_from(keys: SerialKeys) -> Result<Self, String> {
         let SerialKeys { serial, serial_id, tcp, baud, .. } = keys;
         let link = LinkConfig::from_keys(LinkKeys { serial, serial_id, tcp, baud }, DEFAULT_BAUD)?;
-        let timeout = link::parse_timeout_s(keys.timeout_s)?;
+        let silence_timeout = link::parse_timeout_s(keys.timeout_s)?;
         if keys.request.as_ref().is_some_and(String::is_empty) {
             return Err("`request` is empty; remove it for a sensor that sends without a request".to_owned());
         }
         if keys.rate_hz.is_some() && keys.request.is_none() {
-            return Err(
-                "`rate_hz` is only for sensors with `request`; remove it for a sensor that sends without a request"
-                    .to_owned(),
-            );
+            let message =
+                "`rate_hz` is only for sensors with `request`; remove it for a sensor that sends without a request";
+            return Err(message.to_owned());
         }
-        let request_interval = match keys.rate_hz {
+        let min_request_interval = match keys.rate_hz {
             Some(hz) if (0.001..=1e5).contains(&hz) => Duration::from_secs_f64(1.0 / hz),
             Some(hz) => return Err(format!("`rate_hz` is {hz}; permitted: 0.001 to 100000")),
             None => Duration::ZERO,
@@ -70,13 +69,7 @@ impl TryFrom<SerialKeys> for SerialConfig {
                     .to_owned());
             }
         };
-        let request = keys.request.map(String::into_bytes);
-        Ok(Self {
-            link,
-            silence_timeout: timeout,
-            sample_request: request,
-            min_request_interval: request_interval,
-            format,
-        })
+        let sample_request = keys.request.map(String::into_bytes);
+        Ok(Self { link, silence_timeout, sample_request, min_request_interval, format })
     }
 }

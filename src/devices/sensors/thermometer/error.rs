@@ -25,9 +25,7 @@ impl ThermometerError {
             // The remedy of a lost link concerns the machine; a lost thermometer leaves the machine's state known.
             Self::Modbus(ModbusError::ConnectionLost { .. } | ModbusError::LinkThreadEnded { .. })
             | Self::NoReplyYet => "check the thermometer's power and cable".to_owned(),
-            Self::Modbus(error) => {
-                format!("{}; for the thermometer: the keys of [thermometer.modbus]", error.remedy())
-            }
+            Self::Modbus(error) => format!("{}; for the thermometer: the keys of [thermometer.modbus]", error.remedy()),
             Self::InvalidNumber(_) => {
                 "compare `value` of [thermometer.modbus] with the thermometer's manual".to_owned()
             }

@@ -111,9 +111,8 @@ pub async fn read_thermometers_once(
     let mut results: Vec<_> =
         entries_simulated.map(|entry| (entry, read_simulated(simulated(&entry.name).as_ref()))).collect();
     for channels in group_by_device(entries).into_values() {
-        let Some(mut reader) = ThermometerReader::for_device(channels.iter().map(|(_, config)| *config)) else {
-            continue;
-        };
+        let reader = ThermometerReader::for_device(channels.iter().map(|(_, config)| *config));
+        let Some(mut reader) = reader else { continue };
         for (entry, config) in channels {
             results.push((entry, reader.read_temperature_c(config).await));
         }

@@ -56,29 +56,22 @@ impl ThermometerPoller {
     ) -> Self {
         let (mut thermometers, mut stop_senders) = (Vec::new(), Vec::new());
         for entry in entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::Simulated)) {
-            thermometers.push(PolledThermometer {
-                name: entry.name.clone(),
-                source: TemperatureSource::Simulated(simulated(&entry.name)),
-            });
+            let source = TemperatureSource::Simulated(simulated(&entry.name));
+            thermometers.push(PolledThermometer { name: entry.name.clone(), source });
         }
         for device in group_by_device(entries).into_values() {
             let mut channels = Vec::new();
             for (entry, config) in &device {
                 let last_value = Arc::new(Mutex::new(LastTemperature::default()));
                 channels.push(((*config).clone(), last_value.clone()));
-                thermometers.push(PolledThermometer {
-                    name: entry.name.clone(),
-                    source: TemperatureSource::Polled(last_value, entry.max_age),
-                });
+                let source = TemperatureSource::Polled(last_value, entry.max_age);
+                thermometers.push(PolledThermometer { name: entry.name.clone(), source });
             }
             let min_age = device.iter().map(|(entry, _)| entry.max_age).min().unwrap_or_default();
             let (stop_sender, stop_receiver) = oneshot::channel();
             stop_senders.push(stop_sender);
-            tokio::spawn(poll_device(
-                channels,
-                (min_age / POLLS_PER_MAX_AGE).clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]),
-                stop_receiver,
-            ));
+            let interval = (min_age / POLLS_PER_MAX_AGE).clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]);
+            tokio::spawn(poll_device(channels, interval, stop_receiver));
         }
         Self { thermometers, _stop_senders: stop_senders }
     }

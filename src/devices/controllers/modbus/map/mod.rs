@@ -200,15 +200,10 @@ impl WindowRegisterMap {
         let (first, count) = self.status.block_first_and_count();
         let last = first.saturating_add(count.saturating_sub(1));
         let read = vec![RegisterRange { space: self.status.space, first, last }];
-        let mut spans: Vec<(u16, u16)> = self
-            .command
-            .register_names_addresses_and_counts()
-            .into_iter()
-            .map(|(_, first, count)| (first, count))
-            .collect();
-        spans.sort_unstable();
+        let mut spans = self.command.register_names_addresses_and_counts();
+        spans.sort_unstable_by_key(|(_, first, count)| (*first, *count));
         let mut write: Vec<RegisterRange> = Vec::new();
-        for (first, count) in spans {
+        for (_, first, count) in spans {
             let last = first.saturating_add(count.saturating_sub(1));
             match write.last_mut() {
                 // One request may write adjacent items.

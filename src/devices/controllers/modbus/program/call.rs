@@ -118,9 +118,7 @@ impl ModbusDriver {
         let (mut results, mut ended_at) = (Vec::new(), None);
         loop {
             let (status, done) = self.window.poll_chunk(running).await?;
-            let Some(slot) = status.result else {
-                return Err(result_mismatch_error("no result", rows.len()));
-            };
+            let slot = status.result.ok_or_else(|| result_mismatch_error("no result", rows.len()))?;
             let active_row = usize::from(slot.active_row_number).checked_sub(1);
             let row = active_row.and_then(|row| rows.get(row));
             if status.is_probe_closed && row.is_some_and(|row| row.is_positioning_move) {
@@ -167,23 +165,18 @@ impl ModbusDriver {
     ) -> Result<Option<&'a ContactRowResult>, ControllerError> {
         let mut touches = (0..).zip(rows).filter(|(_, row)| row.action == RowAction::Touch);
         for result in results {
-            let row = rows.get(result.row_index).map(|row| row.action);
-            match row {
+            match rows.get(result.row_index).map(|row| row.action) {
                 Some(RowAction::Guarded) if result.has_contact => {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
-                Some(RowAction::Touch) if !result.has_contact => {
-                    return Err(ControllerError::NoContact { step });
-                }
+                Some(RowAction::Touch) if !result.has_contact => return Err(ControllerError::NoContact { step }),
                 _ => {}
             }
             match touches.next() {
                 Some((index, row)) if index == result.row_index => {
                     self.check_contact_on_path(rows.get(..index).unwrap_or(rows), row, result)?;
                 }
-                _ => {
-                    return Err(result_mismatch_error(&format!("a result of row {}", result.row_index + 1), 0));
-                }
+                _ => return Err(result_mismatch_error(&format!("a result of row {}", result.row_index + 1), 0)),
             }
         }
         match touches.count() {

@@ -59,14 +59,9 @@ fn row_from_motion(motion: &Motion, read: &ReadMotion) -> Result<ProgramRow, Str
         MotionKind::OrientSpindle { s } => (RowAction::OrientSpindle, Some(Axis::S.to_mm_or_deg(s))),
         MotionKind::ProgramStop => return Err(format!("line {} waits for the operator", read.line)),
     };
-    let value = value.ok_or_else(|| format!("line {} has no feed", read.line))?;
-    let is_free_move = matches!(motion, Motion::Rapid { .. } | Motion::Feed { .. });
-    Ok(ProgramRow {
-        action,
-        target: read.target.clone(),
-        feed_dwell_or_angle: value,
-        is_positioning_move: is_free_move,
-    })
+    let feed_dwell_or_angle = value.ok_or_else(|| format!("line {} has no feed", read.line))?;
+    let is_positioning_move = matches!(motion, Motion::Rapid { .. } | Motion::Feed { .. });
+    Ok(ProgramRow { action, target: read.target.clone(), feed_dwell_or_angle, is_positioning_move })
 }
 
 /// Position of the machine after `rows`, if it was at `from` and each touch met its contact. Axes that a
