@@ -59,13 +59,13 @@ pub struct ResultRow {
 pub struct RunContext<'a> {
     pub method: &'a str,
     /// Time from the first to the last reading, s, if the estimate contains it.
-    pub duration_s: Option<f64>,
+    pub first_to_last_reading_s: Option<f64>,
 }
 
 impl<'a> RunContext<'a> {
     pub fn from_estimate(estimate: &'a Estimate) -> Self {
-        let duration_s = estimate.provenance.as_ref().map(|provenance| provenance.duration_s);
-        Self { method: &estimate.method, duration_s }
+        let first_to_last_reading_s = estimate.provenance.as_ref().map(|provenance| provenance.duration_s);
+        Self { method: &estimate.method, first_to_last_reading_s }
     }
 }
 
@@ -216,7 +216,7 @@ fn format_percent(probability: f64) -> String {
 fn describe_deciding_change(change: &DecidingChange, unit: Unit, context: RunContext<'_>) -> String {
     match change {
         DecidingChange::Runs(runs) => {
-            let time = context.duration_s.map_or(String::new(), |one_s| {
+            let time = context.first_to_last_reading_s.map_or(String::new(), |one_s| {
                 format!(" (about {:.0} minutes)", (f64::from(*runs) * one_s / 60.0).ceil())
             });
             format!("the mean of {runs} runs of this kind{time} would decide the verdict, if the value stays the same")
@@ -256,7 +256,8 @@ mod tests {
         }
     }
 
-    const CONTEXT: RunContext<'static> = RunContext { method: "self-calibration", duration_s: Some(600.0) };
+    const CONTEXT: RunContext<'static> =
+        RunContext { method: "self-calibration", first_to_last_reading_s: Some(600.0) };
 
     #[test]
     fn one_line_contains_value_u_limit_and_verdict() {

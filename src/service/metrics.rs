@@ -136,7 +136,7 @@ mod tests {
             method: "samba".to_owned(),
             verdict: Verdict::Pass,
             parameters: ["um", "urad", "um/m", "mm", "ms"].map(parameter).to_vec(),
-            duration_s: None,
+            first_to_last_reading_s: None,
             temperatures_c: BTreeMap::from([("table".to_owned(), 20.0)]).into(),
         };
         let newest = NewestMethodResult { machine: "mill".to_owned(), result, outdated: false };

@@ -202,7 +202,7 @@ pub struct FinishedRunResult {
     pub verdict: Verdict,
     pub parameters: Vec<Parameter>,
     /// Time from the first to the last reading, s, if the estimate contains it.
-    pub duration_s: Option<f64>,
+    pub first_to_last_reading_s: Option<f64>,
     /// Mean temperatures over the run's readings; thermometers without a value are left out.
     pub temperatures_c: Temperatures,
 }

@@ -132,7 +132,7 @@ pub(super) fn finished_run_result_from_row(row: &Row<'_>) -> rusqlite::Result<Fi
         method: row.get(2)?,
         verdict,
         parameters,
-        duration_s: provenance.map(|provenance| provenance.duration_s),
+        first_to_last_reading_s: provenance.map(|provenance| provenance.duration_s),
         temperatures_c: parse_json_column(row, 4)?,
     })
 }

@@ -63,7 +63,7 @@ impl CounterTracker {
     }
 
     pub fn complete_sample(&mut self, t_s: f64, decoded: DecodedSample) -> Sample {
-        let DecodedSample { value_mm: value, counter_value: counter, encoder_count } = decoded;
+        let DecodedSample { value_mm: value, counter_value: counter, wrapped_encoder_count: encoder_count } = decoded;
         let missing = counter.map_or(Some(0), |count| self.count_missing(count));
         self.is_count_unchanged = missing.is_none();
         let Some(missing) = missing else { return Sample::stale(t_s) };

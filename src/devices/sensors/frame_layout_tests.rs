@@ -161,7 +161,7 @@ fn encoder_count_is_read_with_the_value() {
     let read = |encoder: &str, frame: &[u8]| {
         let value = "value = { byte = 0, width = 16, order = \"big\", scale_mm = 1e-3 }\n";
         let layout = parse_layout(&format!("{value}encoder_count = {{ byte = 2, {encoder} }}")).unwrap();
-        (layout.sample_layout.encoder_modulus(), layout.decode(frame).unwrap().encoder_count)
+        (layout.sample_layout.encoder_modulus(), layout.decode(frame).unwrap().wrapped_encoder_count)
     };
     let frame = [0, 1, 0xFF, 0xFE, 0x01];
     let big = read("width = 24, order = \"big\"", &frame);

@@ -40,8 +40,8 @@ pub struct DecodedSample {
     /// Value in mm, or the reason why there is none.
     pub value_mm: Result<f64, ReadingFlag>,
     pub counter_value: Option<u64>,
-    /// Count of the rotary encoder, as a remainder (`encoder_count.rs`).
-    pub encoder_count: Option<u32>,
+    /// Count of the rotary encoder, wrapped at its modulus (`encoder_count.rs`).
+    pub wrapped_encoder_count: Option<u32>,
 }
 
 /// Reason why a value is invalid: the meaning of a code or of a status.
@@ -83,7 +83,7 @@ impl<L: NumberLocation> SampleLayout<L> {
     /// The data do not match the layout.
     pub fn decode(&self, data: L::Data<'_>) -> Result<DecodedSample, L::Error> {
         let counter = self.counter_and_modulus.map(|(counter, _)| counter.read_integer(data)).transpose()?;
-        let encoder_count = match self.encoder_and_modulus {
+        let wrapped_encoder_count = match self.encoder_and_modulus {
             Some((count, modulus)) => Some(encoder_count::wrap_count(count.read_integer(data)?, modulus)),
             None => None,
         };
@@ -92,7 +92,7 @@ impl<L: NumberLocation> SampleLayout<L> {
             None => Ok(self.offset_mm + self.scale_mm * self.value_location.read_number(data)?),
         };
         // A negative counter in a line of text becomes a very large number, which `LineFormat::decode` refuses.
-        Ok(DecodedSample { value_mm: value, counter_value: counter.map(|count| count as u64), encoder_count })
+        Ok(DecodedSample { value_mm: value, counter_value: counter.map(|count| count as u64), wrapped_encoder_count })
     }
 }
 

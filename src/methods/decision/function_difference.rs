@@ -39,11 +39,11 @@ impl FunctionDifference {
     }
 
     fn push_point(&mut self, [one, other]: [FunctionPoint; 2], gauge: Option<[FunctionPoint; 2]>, k: f64) {
-        let of_gauge = gauge.map(|[one, other]| (other.y - one.y, one.u.hypot(other.u)));
+        let of_gauge = gauge.map(|[one, other]| (other.value - one.value, one.u.hypot(other.u)));
         let (shift, u_shift) = of_gauge.unwrap_or((0.0, 0.0));
-        let by = other.y - one.y - shift;
+        let by = other.value - one.value - shift;
         let expanded = k * one.u.hypot(other.u).hypot(u_shift);
-        self.x.push(one.x);
+        self.x.push(one.argument);
         self.by.push(by);
         self.expanded.push(expanded);
         self.normalized_errors.push(normalized_error(by, expanded));
@@ -78,11 +78,11 @@ fn is_curve(function: &EstimatedFunction) -> bool {
     matches!(function.figure, FunctionFigureKind::Curve | FunctionFigureKind::Polar)
 }
 
-/// Argument, value and u.
+/// One point of a function.
 #[derive(Debug, Clone, Copy)]
 struct FunctionPoint {
-    x: f64,
-    y: f64,
+    argument: f64,
+    value: f64,
     u: f64,
 }
 
@@ -92,29 +92,30 @@ struct FunctionPoints(Vec<FunctionPoint>);
 impl FunctionPoints {
     fn from_function(function: &EstimatedFunction) -> Self {
         let values = function.x.iter().zip(&function.y).zip(&function.u);
-        let points = values.map(|((x, y), u)| FunctionPoint { x: *x, y: *y, u: *u });
-        let finite = |p: &FunctionPoint| p.x.is_finite() && p.y.is_finite() && p.u.is_finite();
+        let points = values.map(|((x, y), u)| FunctionPoint { argument: *x, value: *y, u: *u });
+        let finite = |p: &FunctionPoint| p.argument.is_finite() && p.value.is_finite() && p.u.is_finite();
         let mut points: Vec<FunctionPoint> = points.filter(finite).collect();
-        points.sort_by(|one, other| one.x.total_cmp(&other.x));
+        points.sort_by(|one, other| one.argument.total_cmp(&other.argument));
         Self(points)
     }
 
     /// Linear interpolation between the points; `None` outside of them.
-    fn interpolate(&self, x: f64) -> Option<FunctionPoint> {
-        let next = self.0.partition_point(|point| point.x < x);
+    fn interpolate(&self, argument: f64) -> Option<FunctionPoint> {
+        let next = self.0.partition_point(|point| point.argument < argument);
         let after = *self.0.get(next)?;
-        if after.x == x {
+        if after.argument == argument {
             return Some(after);
         }
         let before = self.0[next.checked_sub(1)?];
-        let share = (x - before.x) / (after.x - before.x);
+        let share = (argument - before.argument) / (after.argument - before.argument);
         let between = |from: f64, to: f64| from + share * (to - from);
-        Some(FunctionPoint { x, y: between(before.y, after.y), u: between(before.u, after.u) })
+        let value = between(before.value, after.value);
+        Some(FunctionPoint { argument, value, u: between(before.u, after.u) })
     }
 
-    /// Value of the function at `x`, if `x` is the argument of one of its points.
-    fn point_at(&self, x: f64) -> Option<FunctionPoint> {
-        self.interpolate(x).filter(|_| self.0.iter().any(|point| point.x == x))
+    /// Value of the function at `argument`, if this is the argument of one of its points.
+    fn point_at(&self, argument: f64) -> Option<FunctionPoint> {
+        self.interpolate(argument).filter(|_| self.0.iter().any(|point| point.argument == argument))
     }
 }
 
@@ -128,7 +129,7 @@ fn function_difference(one: &EstimatedFunction, other: &EstimatedFunction, k: f6
     };
     // The arguments of the function with fewer points, within the range of both.
     let common = |of: &FunctionPoints| -> Vec<[FunctionPoint; 2]> {
-        let mut x: Vec<f64> = of.0.iter().map(|point| point.x).collect();
+        let mut x: Vec<f64> = of.0.iter().map(|point| point.argument).collect();
         x.dedup();
         x.into_iter().filter_map(at).collect()
     };
@@ -136,7 +137,7 @@ fn function_difference(one: &EstimatedFunction, other: &EstimatedFunction, k: f6
     let pairs = if of_second.len() < of_first.len() { of_second } else { of_first };
     let first = *pairs.first()?;
     let gauge = (one.argument_unit == "deg").then(|| at(0.0).unwrap_or(first));
-    let gauge_at = gauge.map(|[point, _]| point.x);
+    let gauge_at = gauge.map(|[point, _]| point.argument);
     let mut found = FunctionDifference {
         symbol: one.symbol.clone(),
         argument: one.argument.clone(),
@@ -148,7 +149,7 @@ fn function_difference(one: &EstimatedFunction, other: &EstimatedFunction, k: f6
         expanded: Vec::new(),
         normalized_errors: Vec::new(),
     };
-    for pair in pairs.into_iter().filter(|[point, _]| Some(point.x) != gauge_at) {
+    for pair in pairs.into_iter().filter(|[point, _]| Some(point.argument) != gauge_at) {
         found.push_point(pair, gauge, k);
     }
     (!found.x.is_empty()).then_some(found)

@@ -116,7 +116,7 @@ mod tests {
             method: String::new(),
             verdict: Verdict::Pass,
             parameters: Vec::new(),
-            duration_s: None,
+            first_to_last_reading_s: None,
             temperatures_c: Default::default(),
         };
         let newest = NewestMeasuredRuns { newest_result: Some(result), newer_run_without_estimate: None };

@@ -81,7 +81,7 @@ fn encoder_count_is_read_with_the_value() {
         let map = toml::from_str::<ModbusSensorConfig>(&text).unwrap().register_map;
         // A 16-bit number is the last register that is read.
         let words = words.get(..usize::from(map.span.last - map.span.first + 1)).unwrap();
-        (map.sample_layout.encoder_modulus(), map.sample_layout.decode(words).unwrap().encoder_count)
+        (map.sample_layout.encoder_modulus(), map.sample_layout.decode(words).unwrap().wrapped_encoder_count)
     };
     assert_eq!(read("u32", [0, 0, 2000, 7, 0xFFFE, 0x0001]), (Some(1 << 32), Some(0x1_FFFE)));
     assert_eq!(read("i32", [0, 0, 2000, 7, 0xFFFF, 0xFFFF]), (Some(1 << 32), Some(u32::MAX)));

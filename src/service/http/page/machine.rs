@@ -128,7 +128,8 @@ fn worst_sentences(rows: &[&ResultRow]) -> Vec<String> {
 }
 
 fn rows_of_newest_result(newest: &FinishedRunResult) -> Vec<ResultRow> {
-    result_rows(RunContext { method: &newest.method, duration_s: newest.duration_s }, &newest.parameters)
+    let FinishedRunResult { method, first_to_last_reading_s, parameters, .. } = newest;
+    result_rows(RunContext { method, first_to_last_reading_s: *first_to_last_reading_s }, parameters)
 }
 
 /// CSS class and text of the state that must be readable from a distance.
