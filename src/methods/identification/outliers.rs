@@ -88,7 +88,7 @@ impl OutlierSearch<'_> {
                 continue;
             }
             let candidates: Vec<OutlierCandidate> = self
-                .indistinguishable_measurements(measurement)
+                .measurements_indistinguishable_from(measurement)
                 .into_iter()
                 .map(|m| self.deviation_if_outlier(m))
                 .collect();
@@ -105,8 +105,9 @@ impl OutlierSearch<'_> {
         self.residuals.studentised_limit(measurement.residual_rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
     }
 
-    /// Single-row measurements, `measurement` included, whose deviations leave the same pattern in the residuals.
-    fn indistinguishable_measurements<'m>(
+    /// Measurements, `measurement` included, whose deviations leave the same pattern in the residuals. Measurements of
+    /// several rows are distinguishable.
+    fn measurements_indistinguishable_from<'m>(
         &'m self,
         measurement: &'m MeasurementToCheck,
     ) -> Vec<&'m MeasurementToCheck> {
@@ -120,7 +121,8 @@ impl OutlierSearch<'_> {
             model.linear_response(&change).residual_changes
         };
         let own = pattern(measurement);
-        measurements.iter().filter(|other| are_indistinguishable([&own, &pattern(other)])).collect()
+        let has_one_row = |other: &&MeasurementToCheck| other.residual_rows.len() == 1;
+        measurements.iter().filter(has_one_row).filter(|other| are_indistinguishable([&own, &pattern(other)])).collect()
     }
 
     /// Deviation of this measurement if it is the only outlier.
