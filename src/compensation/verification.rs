@@ -37,8 +37,8 @@ pub enum VerificationError {
     Method(#[from] MethodRefusal),
     #[error("no compensation of `{0}` is written")]
     NotWritten(String),
-    #[error("run {run} cannot verify compensation {id}: only a run after run {newest} can")]
-    OlderRun { id: i64, run: RunId, newest: RunId },
+    #[error("run {run} cannot verify compensation {id}: only run {earliest} or a later run can")]
+    OlderRun { id: i64, run: RunId, earliest: RunId },
     #[error("{name} of the control is {present_mm} mm; compensation {id} wrote {expected_mm} mm")]
     OtherValue { id: i64, name: String, present_mm: f64, expected_mm: f64 },
     #[error("the record of run {run} does not say that the control held the values of compensation {id}")]
@@ -116,8 +116,8 @@ pub fn verify_by_run(
     let not_written = || VerificationError::NotWritten(file.machine.name.clone());
     let last = last.filter(|last| !last.state.is_undone() && !last.state.forbids_motion()).ok_or_else(not_written)?;
     if !last.can_be_verified_by(run) {
-        let newest = last.verified_by.unwrap_or(last.run);
-        return Err(VerificationError::OlderRun { id: last.id, run, newest });
+        let earliest = last.verified_by.unwrap_or(RunId(last.run.0 + 1));
+        return Err(VerificationError::OlderRun { id: last.id, run, earliest });
     }
     let [first, second] = [journal.load_run(last.run)?, journal.load_run(run)?];
     check_same_real_machine(last.run, &first, file)?;

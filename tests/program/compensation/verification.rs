@@ -105,7 +105,7 @@ pub fn verification_by_another_state_of_the_machine_is_refused() {
     shop.assert_refused(&verify(&shop, RunId(1)), "no compensation of `linuxcnc-sim5` is written");
     let before = store_second_run(&shop, [50.4, -30.3], WRITTEN_C_MM);
     assert!(shop.write(&shop.hash()).status.success());
-    shop.assert_refused(&verify(&shop, RunId(1)), "run 1 cannot verify compensation 1: only a run after run 1 can");
+    shop.assert_refused(&verify(&shop, RunId(1)), "run 1 cannot verify compensation 1: only run 2 or a later run can");
     shop.assert_refused(&verify(&shop, before), "does not say that the control held the values of compensation 1");
     // Its readings are at the same positions as those of the run of the compensation.
     let journal = Journal::open(&shop.shop.state_folder()).unwrap();
