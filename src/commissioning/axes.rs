@@ -225,7 +225,7 @@ fn gain_fault_and_remedy(jog: &Jog, observed_distance: f64) -> (String, String) 
     let remedy = format!(
         "divide the steps per {unit} of {axis} at the control by {gain:.3} ({}); for a more accurate value, \
         measure over a longer distance",
-        control_hints(|control| control.axis_scale_hint)
+        control_hints(|control| control.steps_per_unit_hint)
     );
     (what, remedy)
 }

@@ -49,6 +49,7 @@ pub struct LinearSolution {
 /// Which unknowns a design matrix determines under its constraints.
 #[derive(Debug, Clone)]
 pub struct RankAnalysis {
+    /// Number of determined directions among those that the constraints leave free.
     pub rank: usize,
     /// Number of undetermined directions: unknowns less independent constraints less rank.
     pub nullity: usize,

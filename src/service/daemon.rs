@@ -31,12 +31,12 @@ pub struct Service {
 }
 
 impl Service {
-    /// `folder`: folder of the journal and the locks. Nothing is opened yet.
+    /// `state_dir`: folder of the journal and the locks. Nothing is opened yet.
     ///
     /// # Errors
     /// A cycle has an unknown method or invalid settings, two machines have the same name, or no trigger could start
     /// a machine.
-    pub fn new(file: DaemonFile, folder: PathBuf, pace: SimulationPace, log: Log) -> Result<Self, ServeError> {
+    pub fn new(file: DaemonFile, state_dir: PathBuf, pace: SimulationPace, log: Log) -> Result<Self, ServeError> {
         let DaemonFile { machines, http_config: http, retention_config: retention } = file;
         let has_several_machines = machines.len() > 1;
         let mut workers: Vec<MachineWorker> = Vec::new();
@@ -49,12 +49,12 @@ impl Service {
                 return Err(ServeError::NoTrigger(name));
             }
             let log = if has_several_machines { log.with_machine_prefix(name) } else { log.clone() };
-            workers.push(MachineWorker::new(machine, config, folder.clone(), pace, log)?);
+            workers.push(MachineWorker::new(machine, config, state_dir.clone(), pace, log)?);
         }
         Ok(Self {
             workers,
             http_config: http,
-            state_dir: folder,
+            state_dir,
             log,
             metrics: Metrics::default(),
             capture_files: None,

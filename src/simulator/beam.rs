@@ -103,7 +103,8 @@ impl Beam {
         if is_in_range { SensorOutput::Distance(output_mm) } else { SensorOutput::OutOfRange(output_mm) }
     }
 
-    /// Mean distance over the light spot, and the surface normal at the centre of the spot.
+    /// Mean distance over the light spot, and the surface normal at the centre of the spot. `None`: part of the spot
+    /// hits no surface.
     fn mean_over_spot(&self, view: &SensorView<'_>) -> Option<SurfaceHit> {
         let first =
             |from: Vector3<f64>| view.first_hit(self.zero_point_mm + from, self.direction, self.detection_range_mm);

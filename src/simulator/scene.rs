@@ -95,7 +95,7 @@ impl TrueScene {
     }
 
     /// Upper bound of the distance of the stylus ball from the axis `axis` (its travel per radian), with the linear
-    /// axes at `position`.
+    /// axes at `position` and the rotary axes anywhere.
     pub fn max_stylus_distance_from_axis(&self, axis: Axis, position: &Position) -> f64 {
         if axis == Axis::S {
             return self.true_stylus_centre.x.hypot(self.true_stylus_centre.y);

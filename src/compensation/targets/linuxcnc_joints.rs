@@ -49,7 +49,7 @@ impl CompensationTarget for LinuxcncJointTables<'_> {
             travels.extend(ControlledTravel::new(table.axis, entries));
             values.extend(control_values(&table));
         }
-        Ok(ControlModel::of_travels(values, travels))
+        Ok(ControlModel::of_correction_tables(values, travels))
     }
 
     /// Always permits a write, because LinuxCNC reads the files only when it starts.

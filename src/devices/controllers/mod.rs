@@ -50,7 +50,7 @@ pub struct ControlDescription {
     /// Setting of the control for the direction of an axis, in words; `None` if there is none.
     pub axis_direction_hint: Option<&'static str>,
     /// Setting of the control for the steps per unit of an axis, in words; `None` if there is none.
-    pub axis_scale_hint: Option<&'static str>,
+    pub steps_per_unit_hint: Option<&'static str>,
 }
 
 /// Configuration of a control, from `[controller]`. Each kind of control defines the keys of its own table.
@@ -279,8 +279,9 @@ impl Controller {
     }
 }
 
-/// Task of the driver: handles requests one after the other until the handle is dropped. If the caller no
-/// longer waits for an answer, the answer is dropped; the request was still executed to its end.
+/// Task of the driver: handles requests one after the other until the [`Controller`] is dropped. If the caller no
+/// longer waits for an answer, the answer is dropped; the request was still executed to its end. A halt does not end
+/// the task.
 async fn run_driver(mut driver: impl ControllerDriver, mut inbox: mpsc::Receiver<DriverRequest>, halt: HaltHandle) {
     // After a halt a control reports that it is not ready: the error is `Halted`. A lost position is reported
     // nevertheless.

@@ -21,6 +21,7 @@ pub struct WatchedSensor {
 pub struct CrossSectionPoint {
     /// Number of the cross section, from 1.
     pub number: usize,
+    /// Height of the cross section, machine frame.
     pub z_mm: f64,
     /// Direction from the axis to the sensor, counter-clockwise from +X, machine frame.
     pub angle_deg: f64,

@@ -27,7 +27,8 @@ pub enum StylusSource {
     OneBall,
     /// Fitted to the readings of all balls.
     AllBalls,
-    /// Fitted together with the machine errors, minus the offset of the spindle in the prior.
+    /// Fitted together with the machine errors. The fitted stylus contains the offset of the spindle, of which the value
+    /// in the prior is subtracted.
     FittedWithMachineErrors,
 }
 

@@ -27,6 +27,7 @@ pub struct ParameterRow {
 
 /// The parameters of all runs. Each value is divided by the scale of its unknown.
 pub struct ParameterRows {
+    /// One unknown for each symbol: a parameter of several runs is one unknown.
     pub unknowns: Vec<CombinationUnknown>,
     pub rows: Vec<ParameterRow>,
     pub values: DVector<f64>,

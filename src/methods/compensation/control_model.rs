@@ -122,7 +122,7 @@ impl ControlModel {
     }
 
     /// Tables that correct the travel of linear axes. The entries refer to `values` by index.
-    pub fn of_travels(values: Vec<ControlValue>, travels: Vec<ControlledTravel>) -> Self {
+    pub fn of_correction_tables(values: Vec<ControlValue>, travels: Vec<ControlledTravel>) -> Self {
         Self { values, positions: Vec::new(), travels, resolution: ValueResolution::Digits(PIN_SIGNIFICANT_DIGITS) }
     }
 

@@ -49,7 +49,8 @@ pub struct PlcScanTest {
     pub variance_ratio_limit: f64,
 }
 
-/// One-sided F test of the two scatters, and the resulting diagnosis of the latch.
+/// One-sided F test whether touches scatter more at the fast feed than at the slow one, as they do with a PLC scan, and
+/// the resulting diagnosis of the latch.
 pub fn test_for_plc_scan(observed: &ObservedTouches, fitted: &FittedDelay) -> PlcScanTest {
     let [slow, fast] = fitted.scatter_by_feed;
     let fast_to_slow_variance_ratio = (fast.std_dev_mm / slow.std_dev_mm).powi(2);

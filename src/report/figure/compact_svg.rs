@@ -12,7 +12,8 @@ const GEOMETRY_ATTRIBUTES: [&str; 14] =
 
 /// Consecutive elements with the same style.
 struct StyledRun {
-    tag: &'static str,
+    /// Element that is written.
+    written_tag: &'static str,
     style: String,
     /// Data of a path, or elements without their style.
     body: String,
@@ -27,7 +28,9 @@ pub(in crate::report) fn compact_svg(svg: &str) -> String {
     for element in svg.split_inclusive(">\n<").flat_map(|part| part.strip_suffix('<').or(Some(part))) {
         let next = StyledRun::from_element(element.trim_start_matches('<').trim_end());
         match (&mut run, next) {
-            (Some(run), Some(next)) if run.tag == next.tag && run.style == next.style => run.append(&next),
+            (Some(run), Some(next)) if run.written_tag == next.written_tag && run.style == next.style => {
+                run.append(&next)
+            }
             (_, Some(next)) => {
                 run.replace(next).into_iter().for_each(|before| before.write_to(&mut compact));
             }
@@ -69,7 +72,7 @@ impl StyledRun {
                 let opacity = style_text("path", &[("opacity", attribute("opacity")?)]);
                 let style =
                     format!(" stroke=\"{colour}\" stroke-width=\"{}\" stroke-linecap=\"round\"{opacity}", 2 * radius);
-                return Some(Self { tag: "path", style, body: format!("M{x},{y}h0"), element_count: 1 });
+                return Some(Self { written_tag: "path", style, body: format!("M{x},{y}h0"), element_count: 1 });
             }
             "circle" => ("circle", geometry_text(&all)),
             "text" => {
@@ -78,11 +81,11 @@ impl StyledRun {
             }
             _ => return None,
         };
-        Some(Self { tag, style: style_text(tag, &all), body, element_count: 1 })
+        Some(Self { written_tag: tag, style: style_text(tag, &all), body, element_count: 1 })
     }
 
     fn append(&mut self, next: &Self) {
-        if self.tag != "path" {
+        if self.written_tag != "path" {
             self.body.push('\n');
         }
         self.body.push_str(&next.body);
@@ -90,7 +93,7 @@ impl StyledRun {
     }
 
     fn write_to(&self, out: &mut String) {
-        let Self { tag, style, body, element_count } = self;
+        let Self { written_tag: tag, style, body, element_count } = self;
         let end = if *tag == "text" { "</text>" } else { "/>" };
         let written = match (*tag, element_count) {
             ("path", _) => writeln!(out, "<path{style} d=\"{body}\"/>"),

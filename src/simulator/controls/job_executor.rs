@@ -10,7 +10,8 @@ use machine::Position;
 /// Number of status reports in which a brushed stylus reads closed: two, because one may be lost on a bad wire.
 const BRUSH_REPORT_COUNT: u8 = 2;
 
-/// The machine of a simulated control, its current job and its probe input.
+/// The machine of a simulated control, its current job (one move, probing move, dwell or spindle orientation) and its
+/// probe input.
 pub(super) struct JobExecutor {
     world: Arc<Mutex<SimulatedWorld>>,
     pace: SimulationPace,

@@ -53,7 +53,7 @@ impl GrblConfig {
         kind: CONTROL_KIND,
         hold_command_hint: "grblHAL: real-time command `!`",
         axis_direction_hint: Some("grblHAL: $3"),
-        axis_scale_hint: Some("grblHAL: $100 and following, in axis order"),
+        steps_per_unit_hint: Some("grblHAL: $100 and following, in axis order"),
     };
 }
 

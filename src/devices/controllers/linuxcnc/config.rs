@@ -50,7 +50,7 @@ impl LinuxCncConfig {
         kind: CONTROL_KIND,
         hold_command_hint: "LinuxCNC: abort through linuxcncrsh",
         axis_direction_hint: Some("LinuxCNC: the sign of SCALE of the joint"),
-        axis_scale_hint: Some("LinuxCNC: SCALE of the joint"),
+        steps_per_unit_hint: Some("LinuxCNC: SCALE of the joint"),
     };
 }
 

@@ -15,7 +15,7 @@ impl ModbusConfig {
         kind: CONTROL_KIND,
         hold_command_hint: "Modbus: hold in [controller.registers.command] (docs/line-window.md)",
         axis_direction_hint: None,
-        axis_scale_hint: None,
+        steps_per_unit_hint: None,
     };
 }
 

@@ -34,7 +34,7 @@ impl TableOfX {
                 values.push(ControlValue { name, present_mm, text: present_mm.to_string() });
             }
         }
-        ControlModel::of_travels(values, vec![ControlledTravel::new(Axis::X, entries).unwrap()])
+        ControlModel::of_correction_tables(values, vec![ControlledTravel::new(Axis::X, entries).unwrap()])
     }
 }
 

@@ -17,7 +17,7 @@ pub struct NamedTrend<'a> {
 pub fn describe_changes(all: &[NamedTrend<'_>], since_s: f64, format_day: impl Fn(f64) -> String) -> String {
     let (named, short): (Vec<&NamedTrend<'_>>, Vec<&NamedTrend<'_>>) =
         all.iter().partition(|named| named.trend.points.len() >= MIN_CHANGE_DETECTION_VALUES);
-    let mut parts: Vec<String> = describe_unmeasured(all, since_s, &format_day);
+    let mut parts: Vec<String> = describe_values_not_measured_since(since_s, all, &format_day).into_iter().collect();
     let (mut same, mut changed) = (0, 0);
     for named in &named {
         let recent = named.trend.changes.iter().filter(|change| named.is_recent_change(change, since_s));
@@ -41,16 +41,19 @@ pub fn describe_changes(all: &[NamedTrend<'_>], since_s: f64, format_day: impl F
     format!("Since {}: {}.", format_day(since_s), parts.join("; "))
 }
 
-/// Sentence about values that were not measured since `since_s`: all of them, or some.
-fn describe_unmeasured(all: &[NamedTrend<'_>], since_s: f64, format_day: &impl Fn(f64) -> String) -> Vec<String> {
+/// Text about the values that were not measured since `since_s`, with the day of the newest of them.
+fn describe_values_not_measured_since(
+    since_s: f64,
+    all: &[NamedTrend<'_>],
+    format_day: &impl Fn(f64) -> String,
+) -> Option<String> {
     let old: Vec<&NamedTrend<'_>> = all.iter().filter(|named| !named.is_measured_since(since_s)).collect();
     let newest_s = old.iter().map(|named| named.newest_time_s()).reduce(f64::max);
     let newest = newest_s.filter(|newest_s| newest_s.is_finite()).map(format_day);
-    let named = newest.map(|newest| match old.len() == all.len() {
+    newest.map(|newest| match old.len() == all.len() {
         true => format!("no run; the newest values are from {newest}"),
         false => format!("no new value of {}, the newest value is from {newest}", join_symbols(&old)),
-    });
-    named.into_iter().collect()
+    })
 }
 
 fn join_symbols(of: &[&NamedTrend<'_>]) -> String {

@@ -60,6 +60,7 @@ pub struct ParameterSchema {
     u_monte_carlo: Option<f64>,
     /// Shortest coverage interval by Monte Carlo, with the coverage probability of k.
     interval_monte_carlo: Option<[f64; 2]>,
+    /// Contributions to `u`, one line for each source.
     #[schema(required = false)]
     budget: Vec<BudgetLineSchema>,
     /// Judgement by the limit of the parameter; absent without a limit.

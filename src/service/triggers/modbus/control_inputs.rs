@@ -108,6 +108,8 @@ impl ControlInputs {
     }
 }
 
+/// Commands in the order of execution: stop, acknowledge, start. Several start coils give one
+/// [`CoilCommand::SeveralStarts`].
 fn commands_of_rising_edges(risen_coils: &[u16]) -> Vec<CoilCommand> {
     let starts: Vec<u16> =
         risen_coils.iter().filter_map(|coil| coil.checked_sub(START_COIL_BASE)).filter(|k| *k > 0).collect();
