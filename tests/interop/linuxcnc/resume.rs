@@ -63,7 +63,7 @@ pub fn run_resumes_after_a_released_emergency_stop() -> Result<(), Failed> {
     Ok(())
 }
 
-/// The part moved by 20 µm along Y: the reference in Y detects it, the one in X does not.
+/// The part moved by 20 µm along Y: the references at 72° and 216° detect it, the one in X does not.
 pub fn resume_is_refused_when_the_part_has_moved() -> Result<(), Failed> {
     let rig = lock_rig()?;
     let workspace = run_until_emergency_stop(&rig, 5, 13)?;
@@ -79,7 +79,7 @@ pub fn resume_is_refused_when_the_part_has_moved() -> Result<(), Failed> {
         return Err(said.into());
     }
     let named = |place: &str| said.contains(&format!("{place} moved by"));
-    if !named("P090") || named("P000") || named("P180") {
+    if !named("P072") || !named("P216") || named("P000") {
         return Err(said.into());
     }
     workspace.check_last_run_state("closed")?;

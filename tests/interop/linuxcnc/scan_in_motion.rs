@@ -308,7 +308,7 @@ pub fn wrong_order_of_sampler_axes_is_refused_before_motion() -> Result<(), Fail
         Err(error) if !moved && readings.is_empty() => {
             let said = format!("{error}; {}", error.remedy());
             eprintln!("{said}");
-            let named = ["Z stands at 200.000", "says 0.000", "joint.N.pos-fb"];
+            let named = ["Z is at 200.000", "reports 0.000", "joint.N.pos-fb"];
             if named.iter().all(|words| said.contains(words)) { Ok(()) } else { Err(said.into()) }
         }
         other => Err(format!("moved: {moved}, {other:?}").into()),
