@@ -29,9 +29,10 @@ pub fn daemon_of_another_user_reads_tokens_created_by_root() {
     }
     chown(Path::new(&state).parent().unwrap(), Some(DAEMON_USER_ID), Some(DAEMON_USER_ID)).unwrap();
     let [gone, stays] = ["gone", "stays"].map(|name| create_token(&shop, name, "operator"));
-    // A copy of the program that this user can execute.
+    // A copy of the program that this user can execute. It is written by another process: a child that another trial
+    // starts meanwhile would inherit the open file, and an open file cannot be executed.
     let program = shop.path_text("trued");
-    std::fs::copy(env!("CARGO_BIN_EXE_trued"), &program).unwrap();
+    assert!(Command::new("cp").args([env!("CARGO_BIN_EXE_trued"), &program]).status().unwrap().success());
     let mut command = Command::new(program);
     command.args(["serve", "--speed", "fast", "--machine", &shop.machine_path(), "--state", &state]);
     command.uid(DAEMON_USER_ID).gid(DAEMON_USER_ID);
