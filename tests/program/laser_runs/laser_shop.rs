@@ -118,7 +118,7 @@ impl LaserShop {
                 let _ = client.stderr.take().unwrap().read_to_string(&mut told);
                 panic!("it ended before `{words}`: {told}");
             }
-            std::thread::sleep(Duration::from_millis(2));
+            std::thread::sleep(Duration::from_millis(20));
         }
     }
 
