@@ -136,7 +136,7 @@ fn qualification_and_truth(seed: u64, spindle_turns: bool) -> (Estimate, Vec<(St
 fn probe_map_uncertainty_has_its_coverage() {
     const FULL_POPULATION: u64 = 1000;
     for turns in [true, false] {
-        let worlds = population_size(FULL_POPULATION).max(50);
+        let worlds = population_size(FULL_POPULATION);
         let all: Vec<_> = (0..worlds).into_par_iter().map(|seed| qualification_and_truth(8000 + seed, turns)).collect();
         let is_flagged = |e: &Estimate| e.verdict != Verdict::None || !e.warnings.is_empty();
         let flagged = all.iter().filter(|(e, _)| is_flagged(e)).count();

@@ -7,10 +7,10 @@ use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF};
 /// Smallest population; a smaller one proves next to nothing.
 const MIN_POPULATION_SIZE: u64 = 5;
 
-/// `full` where `TRUED_FULL=1` is set (`.ci/long`), otherwise a tenth of it. The size is printed.
+/// `full` where `TRUED_FULL=1` is set (`.ci/long`), otherwise a twentieth of it. The size is printed.
 pub fn population_size(full: u64) -> u64 {
-    let tenth = full.div_ceil(10).max(MIN_POPULATION_SIZE.min(full));
-    let size = if is_full_test_run() { full } else { tenth };
+    let twentieth = full.div_ceil(20).max(MIN_POPULATION_SIZE.min(full));
+    let size = if is_full_test_run() { full } else { twentieth };
     println!("population: {size} of {full}");
     size
 }
@@ -18,7 +18,7 @@ pub fn population_size(full: u64) -> u64 {
 /// Number of seeds for a test of coverage, and allowed shares of intervals that hold the truth where 95.45 % is stated
 /// (METHODS section 6, coverage standard).
 pub fn coverage_seeds_and_share_limits() -> (u64, RangeInclusive<f64>) {
-    let (seeds, shares) = if is_full_test_run() { (1000, 0.93..=0.975) } else { (100, 0.89..=0.995) };
+    let (seeds, shares) = if is_full_test_run() { (1000, 0.93..=0.975) } else { (60, 0.86..=1.0) };
     println!("coverage: {seeds} seeds");
     (seeds, shares)
 }
