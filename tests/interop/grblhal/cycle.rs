@@ -9,9 +9,13 @@ use machine::record::estimate::Estimate;
 use super::rig::GrblHalRig;
 use crate::linuxcnc::run_workspace::{RunWorkspace, failure_text, value_and_expanded_u};
 
-/// Settings for a short run: faster touches, no references; with the usual 8 positions no touch is repeated.
-pub const SHORT_RUN_TEXT_CHANGES: [(&str, &str); 2] =
-    [("feed_mm_min = 60.0", "feed_mm_min = 120.0"), ("heights_mm = [90.0]", "heights_mm = [90.0]\nreferences = false")];
+/// Settings for a short run: higher feeds, no references; with the usual 8 positions no touch is repeated.
+pub const SHORT_RUN_TEXT_CHANGES: [(&str, &str); 4] = [
+    ("feed_mm_min = 60.0", "feed_mm_min = 240.0"),
+    ("search_feed_mm_min = 300.0", "search_feed_mm_min = 600.0"),
+    ("guarded_feed_mm_min = 3000.0", "guarded_feed_mm_min = 6000.0"),
+    ("heights_mm = [90.0]", "heights_mm = [90.0]\nreferences = false"),
+];
 /// Maximum of U, µm: a step of the rig's axes is 4 µm long.
 const MAX_EXPANDED_U_UM: f64 = 6.0;
 
