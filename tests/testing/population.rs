@@ -9,8 +9,17 @@ const MIN_POPULATION_SIZE: u64 = 5;
 
 /// `full` where `TRUED_FULL=1` is set (`.ci/long`), otherwise a twentieth of it. The size is printed.
 pub fn population_size(full: u64) -> u64 {
-    let twentieth = full.div_ceil(20).max(MIN_POPULATION_SIZE.min(full));
-    let size = if is_full_test_run() { full } else { twentieth };
+    size_or_share(full, 20)
+}
+
+/// Like [`population_size`], but at least a tenth: for the motion proof, whose wrong acceptance means a collision.
+pub fn proof_population_size(full: u64) -> u64 {
+    size_or_share(full, 10)
+}
+
+fn size_or_share(full: u64, divisor: u64) -> u64 {
+    let share = full.div_ceil(divisor).max(MIN_POPULATION_SIZE.min(full));
+    let size = if is_full_test_run() { full } else { share };
     println!("population: {size} of {full}");
     size
 }

@@ -35,11 +35,11 @@ pub struct BallPlateSettings {
     /// Clearance before the expected contact of a slow touch, mm, and maximum travel beyond it, mm.
     pub standoff_mm: f64,
     pub search_mm: f64,
-    /// Maximum form of one measurement of a ball, µm. With a larger value the ball is measured again; a larger value
-    /// again holds the run.
+    /// Maximum form of one measurement of a ball, µm. Above it the ball is measured again; if the repeated value is
+    /// above it too, the run is held.
     pub form_limit_um: f64,
-    /// Maximum difference between measured and stated ball diameter, including the probe's pre-travel, µm. With a
-    /// larger value the ball is measured again; a larger value again holds the run.
+    /// Maximum difference between measured and stated ball diameter, including the probe's pre-travel, µm. Above it
+    /// the ball is measured again; if the repeated value is above it too, the run is held.
     pub diameter_limit_um: f64,
     /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,

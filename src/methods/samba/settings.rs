@@ -72,11 +72,11 @@ pub struct SambaSettings {
     pub standoff_mm: f64,
     /// Maximum travel of a slow touch beyond the expected contact.
     pub search_mm: f64,
-    /// Maximum form deviation of one ball measurement (largest minus smallest residual of the fitted sphere), µm. With
-    /// a larger value the ball is measured again; a larger value again holds the run.
+    /// Maximum form deviation of one ball measurement (largest minus smallest residual of the fitted sphere), µm.
+    /// Above it the ball is measured again; if the repeated value is above it too, the run is held.
     pub form_limit_um: f64,
-    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm. With a larger
-    /// value the ball is measured again; a larger value again holds the run.
+    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm. Above it the ball is
+    /// measured again; if the repeated value is above it too, the run is held.
     pub diameter_limit_um: f64,
     /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,

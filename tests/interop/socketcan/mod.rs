@@ -1,6 +1,6 @@
 //! The program itself on a CAN bus of a real kernel, in a virtual machine (`tests/peers/socketcan/`), together with
 //! can-utils. Without the machine the trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they fail.
-//! `.ci/run` tests the sensor; `.ci/long` also a whole measurement, for which the virtual machine takes minutes.
+//! `.ci/run` tests the sensor; `.ci/long` also a whole measurement, which takes a minute and a half.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

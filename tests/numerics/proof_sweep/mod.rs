@@ -14,7 +14,7 @@ use planning::proof::{MIN_UNGUARDED_CLEARANCE_MM, ProofRequest, RefusalReason, S
 use rayon::prelude::*;
 use serde_json::json;
 
-use testing::population::population_size;
+use testing::population::proof_population_size;
 
 pub type Matrix = [[f64; 4]; 4];
 pub type Point = [f64; 3];
@@ -427,8 +427,7 @@ fn compare_proof_with_sampling(number: u64, dialect: &Dialect) -> ProofCounts {
 
 #[test]
 fn proof_misses_no_collision_of_random_moves() {
-    // Not fewer in `.ci/run`: a wrong acceptance means a collision.
-    let moves = population_size(10_000).max(1_000);
+    let moves = proof_population_size(10_000);
     let dialect = Dialect::from_name("grbl").unwrap();
     let count = (0..moves)
         .into_par_iter()

@@ -5,7 +5,7 @@ use planning::gcode::Dialect;
 use planning::proof::{MIN_UNGUARDED_CLEARANCE_MM, RefusalReason};
 use rayon::prelude::*;
 
-use testing::population::population_size;
+use testing::population::proof_population_size;
 
 use super::sampled_bodies::{RandomMachine, SampledBodies, SampledBody, least_distance};
 use super::{
@@ -105,8 +105,7 @@ impl RandomMoveAmongBalls {
 
 #[test]
 fn proof_misses_no_collision_of_random_moves_among_balls() {
-    // Not fewer in `.ci/run`: a wrong acceptance means a collision.
-    let moves = population_size(3_000).max(300);
+    let moves = proof_population_size(3_000);
     let dialect = Dialect::from_name("grbl").unwrap();
     let all =
         (0..moves).into_par_iter().map(|number| RandomMoveAmongBalls::compare_proof_with_sampling(number, &dialect));
@@ -228,8 +227,7 @@ impl RandomTouch {
 
 #[test]
 fn proof_misses_no_unsafe_random_touch_of_balls() {
-    // Not fewer in `.ci/run`: a wrong acceptance means a collision.
-    let touches = population_size(1_000).max(100);
+    let touches = proof_population_size(1_000);
     let dialect = Dialect::from_name("grbl").unwrap();
     let all = (0..touches).into_par_iter().map(|number| RandomTouch::compare_proof_with_sampling(number, &dialect));
     let count = all.reduce(ProofCounts::default, ProofCounts::add);
