@@ -41,11 +41,15 @@ impl CompareError {
 pub struct RunComparison {
     /// First and second run; a difference is second minus first.
     pub runs: [RunSummary; 2],
+    /// Parameters that both estimates identify, with the same unit; U takes account of `common_sources`.
     pub differences: Vec<ParameterDifference>,
+    /// Functions of both estimates with the same unit; U has the largest coverage factor of all parameters.
     pub functions: Vec<FunctionDifference>,
-    /// Sources of uncertainty with the same value in both runs: they cancel in `differences`.
+    /// Sources of uncertainty with the same value in both runs: they cancel in `differences`. Empty unless both runs
+    /// have the same set-up.
     pub common_sources: Vec<String>,
-    /// Differences other than those of parameters and functions, in words.
+    /// Sentences about other differences: machine, method, machine file, settings, artefact, conventions and heights
+    /// of functions, combined estimates, different units.
     #[serde(rename = "besides")]
     pub other_differences: Vec<String>,
 }
@@ -125,7 +129,8 @@ fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
             == (&b.method, &b.machine, &b.settings, &b.probe, &b.artefact)
 }
 
-/// Largest coverage factor of the parameters, as in the report: a function has no coverage factor of its own.
+/// Largest coverage factor of the parameters, as in the report: a function has no coverage factor of its own. 2 if no
+/// parameter is identifiable.
 fn largest_coverage_factor(estimates: [&Estimate; 2]) -> f64 {
     let parameters = estimates.into_iter().flat_map(|estimate| &estimate.parameters);
     let finite = parameters.filter(|p| p.identifiable && p.k.is_finite());
@@ -166,6 +171,7 @@ fn describe_height_differences(one: &Estimate, other: &Estimate) -> Vec<String> 
     differing.collect()
 }
 
+/// `DifferentUnits` if the runs have common symbols with different units, otherwise `NothingInCommon`.
 fn not_comparable_error([one, other]: [RunSummary; 2], unit_differences: &[String]) -> CompareError {
     if unit_differences.is_empty() {
         return CompareError::NothingInCommon(Box::new(one), Box::new(other));
@@ -174,6 +180,7 @@ fn not_comparable_error([one, other]: [RunSummary; 2], unit_differences: &[Strin
     CompareError::DifferentUnits { first: one.id, second: other.id, symbols }
 }
 
+/// Sentences about differences of machine, method, machine file, settings and artefact.
 fn describe_setup_differences(one: &StoredRun, other: &StoredRun) -> Vec<String> {
     let differences = [
         (one.summary.machine != other.summary.machine, "the runs are from different machines"),

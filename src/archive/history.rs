@@ -16,9 +16,10 @@ use methods::decision::trend::{self, ChangeKind, NamedTrend, Trend, TrendPoint};
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunParameter {
     pub run: RunId,
+    /// Start of the run.
     pub started: Timestamp,
     pub value: f64,
-    /// Expanded uncertainty.
+    /// Expanded uncertainty of `value`, in the unit of the series.
     #[serde(rename = "U")]
     pub expanded: f64,
     /// Mean of each thermometer over the run; thermometers without a value are left out.
@@ -33,9 +34,11 @@ pub struct ParameterSeries {
     pub unit: Unit,
     /// Limit of |value| in the present machine file; `None`: the machine file states no limit.
     pub tolerance: Option<f64>,
+    /// In the order of the run numbers, with the clock times of the journal; `trend.points` has the corrected times.
     pub values: Vec<RunParameter>,
     pub trend: Trend,
-    /// Compensations of the machine.
+    /// All compensations of the machine that took effect or were undone, also those that do not change this
+    /// parameter.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub compensations: Vec<CompensationEvent>,
 }
@@ -44,7 +47,7 @@ pub struct ParameterSeries {
 const MAX_RUNS_PER_METHOD: u32 = 200;
 
 /// All series of `machine` over the newest `MAX_RUNS_PER_METHOD` finished runs of each method, grouped by method, in
-/// the order of their first value.
+/// the order of their first value. The value of a run is from the last estimate of this run alone.
 ///
 /// # Errors
 /// The journal cannot be read.
@@ -70,6 +73,7 @@ struct ParameterValues {
     values: Vec<RunParameter>,
 }
 
+/// Adds the identifiable parameters of one run; a parameter that changes its unit begins a new series.
 fn add_run_values(all: &mut Vec<ParameterValues>, measured: FinishedRunResult) {
     let FinishedRunResult { run, started, method, parameters, temperatures_c, .. } = measured;
     let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
@@ -97,7 +101,7 @@ impl ParameterValues {
     }
 }
 
-/// The changes of the last `days` in one sentence; days in this computer's time zone.
+/// The changes of the last `days` times 24 h in one sentence, with dates in this computer's time zone.
 pub fn describe_changes(all: &[ParameterSeries], days: u32) -> String {
     let trends = all.iter();
     let trends =
@@ -106,6 +110,7 @@ pub fn describe_changes(all: &[ParameterSeries], days: u32) -> String {
     trend::describe_changes(&trends.collect::<Vec<_>>(), since.as_secs_f64(), format_date)
 }
 
+/// Date in this computer's time zone, with the year if it is not the present one.
 fn format_date(t_s: f64) -> String {
     let at = Timestamp::from_duration(SignedDuration::from_secs_f64(t_s)).unwrap_or_default();
     let [at, now] = [at, Timestamp::now()].map(|at| at.to_zoned(TimeZone::system()));
@@ -113,7 +118,7 @@ fn format_date(t_s: f64) -> String {
     at.strftime(format).to_string()
 }
 
-/// Chart of a series; `None` if there is nothing to draw.
+/// Chart of a series as SVG, with the control limits since the last step; `None` if there is nothing to draw.
 pub fn draw_series_chart(series: &ParameterSeries) -> Option<String> {
     let unix_s = |at: Timestamp| at.as_duration().as_secs_f64();
     let values = &values_with_corrected_times(series);

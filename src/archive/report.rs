@@ -68,7 +68,8 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
     Ok(page::render_result_page(&stored.plan, &last.estimate, &facts)?)
 }
 
-/// Firmware and version of the control, as it reported them when the run last started to move.
+/// Firmware and version of the control, as it reported them when the run last started to move. Empty without such a
+/// report.
 fn control_identity(stored: &StoredRun) -> String {
     let identity = stored.events.iter().rev().find_map(|(_, event)| match event {
         RunEvent::ControlPrepared { identity } => Some(identity.clone()),
@@ -90,7 +91,8 @@ fn operators_of_run(stored: &StoredRun) -> Vec<String> {
     names
 }
 
-/// Differences from the previous finished run of the same machine and method; `None` if there is none to compare.
+/// Differences from the previous finished run of the same machine and method; `None` without such a run, or if the
+/// two runs cannot be compared.
 fn differences_from_previous_run(journal: &Journal, stored: &StoredRun) -> Result<Option<PreviousRun>, StoreError> {
     let summary = &stored.summary;
     let Some(previous) = earlier_finished_runs(journal, summary, 1)?.pop() else { return Ok(None) };

@@ -8,7 +8,8 @@ use crate::store::{EstimateSignature, RunId, RunState, RunSummary, StoredRun};
 use machine::record::event::RunEvent;
 use machine::record::machine::Homing;
 
-/// Stops, faults, prompts, acknowledgements and signatures of a run: the time and the text of each.
+/// Stops, faults, prompts, acknowledgements, resumptions and deletions of samples, in the order of the journal, then
+/// all signatures: the time and the text of each.
 pub fn describe_events_with_times(stored: &StoredRun) -> Vec<(Timestamp, String)> {
     let told = |event: &RunEvent| match event {
         RunEvent::Held { reason } => Some(format!("held: {reason}")),
@@ -53,7 +54,7 @@ fn describe_signer(EstimateSignature { who, remark, .. }: &EstimateSignature) ->
     }
 }
 
-/// The reason why an incomplete run ended.
+/// Sentence about an incomplete run: its state, its number of readings, and the reason why it ended.
 pub fn describe_run_end(stored: &StoredRun) -> String {
     let (id, state) = (stored.summary.id, stored.summary.state);
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
@@ -122,7 +123,8 @@ pub fn resume_hint(run: RunId, can_resume: bool, position_lost: bool) -> String 
     }
 }
 
-/// Next action that is possible for a run in its state. `can_resume` as in [`resume_hint`].
+/// Next action that is possible for a run in its state; `None` for a finished, failed or running run. `can_resume` as
+/// in [`resume_hint`].
 pub fn next_action(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
@@ -138,7 +140,8 @@ pub fn next_action(stored: &StoredRun, can_resume: bool) -> Option<String> {
     }
 }
 
-/// Whether the certificate of the artefact had expired when the run started.
+/// Whether the certificate of the artefact had expired when the run started. The certificate is valid on its last
+/// day.
 pub fn is_certificate_expired(stored: &StoredRun) -> bool {
     let day = stored.summary.started.to_zoned(TimeZone::system()).strftime("%Y-%m-%d").to_string();
     stored.plan.report.is_certificate_expired(&day)

@@ -6,8 +6,8 @@ use machine::record::plan::Plan;
 use machine::{Axis, Position};
 use methods::prediction::{ErrorPredictor, ErrorSlice};
 
-/// Sentences about the position error, and its maps before and after a correction; `None` for an estimate without
-/// axis errors.
+/// Sentences about the position error, and maps of the error of the tip and of the U (k = 2) that remains after a
+/// correction. `None` if the error cannot be predicted, such as for an estimate without axis errors.
 pub fn volumetric_error_maps(plan: &Plan, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
     let predictor = ErrorPredictor::of_plan(plan, estimate).ok()?;
     let poses = predictor.volume_grid_poses().ok()?;
@@ -24,6 +24,7 @@ pub fn volumetric_error_maps(plan: &Plan, estimate: &Estimate) -> Option<(Vec<St
     Some((lines, slices.into_iter().map(error_map).collect()))
 }
 
+/// Map of a slice, in µm: length of the error of the tip, and its standard uncertainty times 2.
 fn error_map(slice: ErrorSlice) -> ErrorMap {
     let unit = |axis: Axis| if axis.is_linear() { "mm" } else { "°" };
     let named = |(axis, positions): (Axis, Vec<f64>)| (format!("{axis}, {}", unit(axis)), positions);
@@ -46,6 +47,7 @@ fn error_map(slice: ErrorSlice) -> ErrorMap {
     }
 }
 
+/// Positions in whole mm and degrees.
 fn describe_position(at: &Position) -> String {
     let unit = |axis: Axis| if axis.is_linear() { " mm" } else { "°" };
     let words =

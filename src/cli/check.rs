@@ -19,6 +19,7 @@ use crate::store::{ArtefactRegister, Journal, MachineLock};
 /// Method name for loading the machine file. The choice of the method has no effect on the check.
 const PLACEHOLDER_METHOD: &str = "self-calibration";
 
+/// `trued check`: runs all parts under the lock of the machine, with the simulated operator for a simulated machine.
 pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let mut machine = setup::load_machine_file(args.machine.as_deref(), PLACEHOLDER_METHOD)?;
     let folder = state_folder(state)?;
@@ -60,6 +61,8 @@ fn select_operator(reopenable_machine: &ReopenableMachine<'_>, stop: &CheckStop)
     }
 }
 
+/// `Stopped` after a stop request, `Error` after a failed check, otherwise `Pass`; checks that were skipped count as
+/// passed.
 fn exit_status(summary: &CheckSummary) -> ExitStatus {
     match summary {
         _ if summary.stopped => ExitStatus::Stopped,

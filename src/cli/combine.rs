@@ -20,6 +20,8 @@ impl From<CombinationError> for CommandFailure {
     }
 }
 
+/// `trued combine`: combines the runs and prints the result, which is stored as the estimate of the newest run if the
+/// runs agree.
 pub fn combine_command(args: &CombineArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let runs: Vec<RunId> = args.runs.iter().map(|run| RunId(*run)).collect();

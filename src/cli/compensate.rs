@@ -30,8 +30,10 @@ impl From<CompensationError> for CommandFailure {
 
 impl ProposalSourceArgs {
     fn source(&self) -> ProposalSource {
-        let options =
-            ProposalOptions { with_insignificant_changes: self.with_insignificant, max_change_mm: self.max_change_mm };
+        let options = ProposalOptions {
+            applies_insignificant_changes: self.with_insignificant,
+            max_change_mm: self.max_change_mm,
+        };
         ProposalSource { run: RunId(self.run), options }
     }
 }
@@ -55,6 +57,7 @@ fn write_sheet(journal: &Journal, SheetArgs { run, out }: &SheetArgs) -> Result<
     Ok(())
 }
 
+/// Runs one action on the control; `OutOfTolerance` if a verification is not confirmed.
 fn run_control_action(action: &ControlAction, folder: &Path, journal: &Journal) -> Result<ExitStatus, CommandFailure> {
     let TargetArgs { machine, target } = action.target();
     let file = MachineFile::read(machine).map_err(SetupError::from)?;
@@ -153,6 +156,7 @@ fn print_status_and_write_hal_file(
     Ok(())
 }
 
+/// Writes a file that must not exist yet. `option`: command-line option that names the file, for the remedy.
 fn write_new_file(path: &Path, content: &[u8], option: &str) -> Result<(), CommandFailure> {
     let written = File::create_new(path).and_then(|mut file| file.write_all(content));
     written.map_err(|error| {
@@ -163,6 +167,7 @@ fn write_new_file(path: &Path, content: &[u8], option: &str) -> Result<(), Comma
     })
 }
 
+/// Prints a table with these titles of its first three columns; nothing if it has no rows.
 fn print_rows([name, present, measured]: [&str; 3], rows: &[PositionRow]) {
     if rows.is_empty() {
         return;

@@ -34,13 +34,15 @@ pub struct DaemonClient {
     agent: ureq::Agent,
     /// URL of the machine in the daemon's interface.
     machine_url: String,
+    /// Value of the environment variable `TRUED_TOKEN`, if set.
     token: Option<String>,
     /// SHA-256 of the machine file that the daemon has read.
     machine_file_sha256: String,
 }
 
 impl DaemonClient {
-    /// Client of the daemon that holds the machine's lock; `None` if the holder of the lock serves no page.
+    /// Client of the daemon that holds the machine's lock; `None` if the error is another one, or the holder of the
+    /// lock serves no page.
     pub fn from_lock_error(error: &LockError, folder: &Path) -> Option<Self> {
         let LockError::MachineInUse { holder: Some(LockHolder { machine, pid, .. }), .. } = error else {
             return None;
@@ -58,7 +60,8 @@ impl DaemonClient {
         Some(Self { agent: agent.into(), machine_url, token, machine_file_sha256 })
     }
 
-    /// Starts the cycle that `args` name and waits for its end. A signal holds the machine.
+    /// Starts the first cycle of the daemon with the method of `args`, waits for its end and returns its last
+    /// estimate. A signal holds the machine.
     pub fn run_cycle(
         &self,
         args: &RunArgs,
@@ -106,7 +109,8 @@ impl DaemonClient {
         Ok((run, last.estimate))
     }
 
-    /// Waits until no run is in progress; reports each stage and passes prompts to `who`.
+    /// Waits until the machine is no longer in the state `running` (a hold ends the wait as well) and returns its
+    /// state. Reports each stage, and confirms prompts in the name of `who`.
     fn wait_for_run_end(
         &self,
         who: &str,
@@ -160,6 +164,7 @@ impl DaemonClient {
         ))
     }
 
+    /// State of the machine as the daemon reports it.
     fn machine_state(&self) -> Result<Value, CommandFailure> {
         parse_response(self.with_token(self.agent.get(&self.machine_url)).call())
     }

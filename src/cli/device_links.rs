@@ -7,6 +7,7 @@ use super::files::state_folder;
 use crate::setup::Devices;
 use link::{CaptureReplay, CaptureWriter, LinkMode};
 
+/// How the links of one command to its devices are opened: directly, with a capture, or from a replayed capture.
 pub struct DeviceLinks<'a> {
     link_mode: LinkMode,
     capture_file: Option<&'a Path>,
@@ -83,6 +84,7 @@ fn replay_failure(failure: CommandFailure) -> CommandFailure {
     )
 }
 
+/// Directory that is deleted on drop.
 struct TemporaryFolder(PathBuf);
 
 impl TemporaryFolder {

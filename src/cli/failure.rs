@@ -141,7 +141,7 @@ impl CommandFailure {
         }
     }
 
-    /// Adds the command of [`resume_hint`].
+    /// Adds the command of [`resume_hint`] if the exit status is `Stopped`.
     fn with_resume_hint(mut self, run: RunId, can_resume: bool, position_lost: bool) -> Self {
         if let (ExitStatus::Stopped, Some(remedy)) = (self.exit_status, &mut self.remedy) {
             remedy.push_str(&format!("; {}", resume_hint(run, can_resume, position_lost)));

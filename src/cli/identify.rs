@@ -31,6 +31,7 @@ pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exi
     Ok(estimate.verdict.into())
 }
 
+/// Identifies the readings of a file; nothing is stored.
 fn identify_readings_file(args: &IdentifyArgs, csv: &Path, state: Option<&Path>) -> Result<Estimate, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (method, mut plan) = match &args.plan {
@@ -51,7 +52,8 @@ fn identify_readings_file(args: &IdentifyArgs, csv: &Path, state: Option<&Path>)
     Ok(judge_estimate(estimate, &plan, &machine.tolerances))
 }
 
-/// Identifies a stored run; the tolerances are those of `--machine`, or of the machine file of the run.
+/// Identifies a stored run from its measured steps and adds the estimate to the run; the tolerances are those of
+/// `--machine`, or of the machine file of the run.
 fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<Estimate, CommandFailure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let stored = journal.load_run(run)?;
@@ -89,8 +91,8 @@ fn replace_priors_and_check_probe(args: &IdentifyArgs, plan: &mut Plan) -> Resul
     Ok(check_qualifications_match_probe(plan)?)
 }
 
-/// Reduces the plan of an incomplete run to the measured steps; also returns a message about the steps left
-/// out.
+/// Reduces the plan of a run that was not measured to its end to the measured steps; also returns a message about the
+/// steps left out. The plan of a finished, not identified or running run is unchanged.
 fn keep_measured_steps(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Option<String>) {
     if matches!(state, RunState::Finished | RunState::NotIdentified | RunState::Running) {
         return (plan, None);
@@ -104,6 +106,7 @@ fn keep_measured_steps(mut plan: Plan, state: RunState, readings: &[Reading]) ->
     (plan, (missing > 0).then_some(message))
 }
 
+/// Plan in the file, which must be for `method`, and the method with the settings of the plan.
 fn read_plan_and_method(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), CommandFailure> {
     let text = std::fs::read_to_string(file).map_err(|error| CommandFailure::from_file_error(file, &error))?;
     let wrong = |why: String| {

@@ -2,7 +2,7 @@
 
 use machine::record::watched_sensors::{LiveCrossSectionValue, LiveSensorValue, LiveValues};
 
-/// Width of the drawn range, characters.
+/// Number of characters of the range bar between its brackets.
 const RANGE_BAR_WIDTH_CHARS: usize = 17;
 
 pub fn live_value_lines(values: &LiveValues) -> String {

@@ -61,11 +61,16 @@ use machine::record::estimate::Verdict;
 /// Exit code of a command; README.md lists the exit codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ExitStatus {
+    /// Success; also a result without a tolerance.
     Pass = 0,
+    /// Error without an exit code of its own.
     Error = 1,
+    /// Wrong usage, or the operator's confirmation is missing.
     UsageError = 2,
     OutOfTolerance = 3,
+    /// The limit is within the uncertainty, or the readings contradict the model.
     Undecided = 4,
+    /// The run or the check was stopped; the readings are kept.
     Stopped = 5,
 }
 

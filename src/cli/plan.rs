@@ -114,7 +114,7 @@ fn render_program_text(
     Ok(lines.into_iter().map(|line| line + "\n").collect())
 }
 
-/// Description of the sampling during dwells; `None` if the plan has no sampling dwell.
+/// Description of the first sampling dwell; `None` if the plan has no sampling dwell.
 fn describe_dwell_sampling(plan: &Plan) -> Option<String> {
     let scans = plan.steps.iter().filter_map(|step| Some((step, step.scan.as_ref()?.sampling)));
     let mut dwells = scans.filter_map(|(step, sampling)| match sampling {

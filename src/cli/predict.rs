@@ -11,6 +11,7 @@ use machine::{Axis, Position};
 use methods::identification::StatedStylusUncertainty;
 use methods::prediction::{ErrorPredictor, PoseError, WorkZero};
 
+/// Columns of a table of poses, linear axes in mm and rotary axes in degrees.
 const POSE_COLUMNS: [(&str, Axis); 7] = [
     ("x_mm", Axis::X),
     ("y_mm", Axis::Y),
@@ -65,7 +66,7 @@ pub fn predict_command(args: &PredictPoseErrorsArgs) -> Result<(), CommandFailur
     Ok(())
 }
 
-/// Checks that no pose is outside the measured ranges.
+/// Checks that no pose is outside the measured ranges. `poses`: each with its line in `file`.
 fn check_poses_in_measured_ranges(
     predictor: &ErrorPredictor<'_>,
     file: &Path,

@@ -116,7 +116,7 @@ pub struct ProposalSourceArgs {
     /// Also change positions that deviate by less than their U.
     #[arg(long)]
     pub with_insignificant: bool,
-    /// Largest change of a position, mm.
+    /// Largest change of a position or of a travel correction, mm; a larger change is refused.
     #[arg(long, value_name = "MM", default_value_t = ProposalOptions::DEFAULT_MAX_CHANGE_MM)]
     pub max_change_mm: f64,
 }
@@ -175,7 +175,7 @@ pub struct VerifyArgs {
 pub struct DecisionArgs {
     #[command(flatten)]
     pub target: TargetArgs,
-    /// Name of the person who decides to undo or finish the compensation.
+    /// Name of the person who verifies, undoes or finishes the compensation.
     #[arg(long, value_name = "NAME", value_parser = parse_person_name)]
     pub who: String,
 }

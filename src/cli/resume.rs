@@ -17,6 +17,7 @@ use crate::run::{
 use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
 use machine::record::event::RunEvent;
 
+/// `trued resume`: resumes a run after its acknowledgement. If all steps are measured, only the estimate is computed.
 pub fn resume_command(args: &ResumeArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     check_report_folder(&args.output)?;
     let folder = state_folder(state)?;
@@ -116,7 +117,7 @@ fn acknowledge_resume(args: &ResumeArgs, resumable_run: &ResumableRun) -> Result
     Ok((who.trim().to_owned(), acknowledged))
 }
 
-/// Asks for the acknowledgement on the terminal.
+/// Prompts on the terminal for the name of the operator, which acknowledges the resume; an empty name cancels it.
 fn prompt_for_operator_name(
     ResumeQuestion { end_reason, question_text: confirmation, .. }: &ResumeQuestion,
 ) -> Result<String, CommandFailure> {

@@ -22,6 +22,7 @@ use machine::record::estimate::Estimate;
 use machine::record::event::RunEvent;
 use methods::Method;
 
+/// `trued run`: measures and stores a run. If a daemon holds the machine, the daemon runs its cycle of the method.
 pub fn measurement_run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (method, mut plan_without_steps) =
@@ -119,7 +120,7 @@ pub fn print_result_and_write_report(
     Ok(estimate.verdict.into())
 }
 
-/// Checks before the measurement that the report can be written.
+/// Checks before the measurement that the folder of the report exists.
 pub fn check_report_folder(output: &OutputArgs) -> Result<(), CommandFailure> {
     output.report.as_ref().map_or(Ok(()), |file| check_parent_folder(file, "the report", "--report"))
 }

@@ -152,7 +152,8 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<(), Command
     Ok(())
 }
 
-/// Readings in the workpiece frame: for a touch the centre of the stylus ball; mm, with standard uncertainties.
+/// Readings without a flag in the workpiece frame: for a touch the centre of the stylus ball; mm, with standard
+/// uncertainties.
 fn readings_in_workpiece_frame_csv(
     plan: &Plan,
     readings: &[Reading],

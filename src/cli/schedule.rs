@@ -16,7 +16,7 @@ use crate::service::schedule_state::new_arming;
 use crate::setup::SetupError;
 use crate::store::{Arming, Journal, ScheduleSlot};
 
-/// Maximum number of past scheduled starts that are listed.
+/// Maximum number of past scheduled starts that are listed for each machine.
 const MAX_LISTED_PAST_SLOTS: usize = 20;
 
 #[derive(Serialize)]
@@ -24,7 +24,9 @@ struct ScheduleReport {
     machine: String,
     /// Schedules with their next starts; empty if no machine file is given.
     planned: Vec<PlannedSchedule>,
+    /// Last arming of each cycle, also if it has ended or an incomplete run has broken it.
     armed: Vec<Arming>,
+    /// Past scheduled starts, newest first; at most `MAX_LISTED_PAST_SLOTS`.
     last: Vec<ScheduleSlot>,
 }
 

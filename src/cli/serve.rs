@@ -11,6 +11,7 @@ use super::signals::start_signal_halt_thread;
 use crate::service::{DaemonFile, ExitState, Service, log_destination};
 use crate::setup::SetupError;
 
+/// `trued serve`: runs the daemon until it is shut down; with `--check`, only checks the plans.
 pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatus, CommandFailure> {
     let file = match (&args.config, &args.machine) {
         (Some(config), _) => DaemonFile::read(config),

@@ -12,6 +12,7 @@ use machine::record::question::{OperatorQuestion, StylusState};
 use simulator::SimulatedOperator;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 
+/// `trued simulate`: serves a simulated control until Ctrl-C.
 pub fn simulate_command(args: &SimulateMachineArgs) -> Result<(), CommandFailure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (_, plan_without_steps) = setup::configure_method_and_plan_without_steps(&machine, &args.method, None)?;

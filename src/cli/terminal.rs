@@ -45,14 +45,15 @@ pub fn enter_key_answer_source(who: String, show: impl Fn(&str) + Send + Sync + 
     }
 }
 
-/// Login name of the user.
+/// Login name of the user, from `USER` or `LOGNAME`; without both `operator at the terminal`.
 pub fn login_name() -> String {
     let known = ["USER", "LOGNAME"].iter().filter_map(|name| std::env::var(name).ok());
     let mut known = known.filter(|name| !name.trim().is_empty());
     known.next().unwrap_or_else(|| "operator at the terminal".to_owned())
 }
 
-/// Answers of `who` by the Enter key; `start_line_reader` starts to read the typed lines at the first prompt.
+/// Answers of `who` by the Enter key: any line typed after the prompt is displayed confirms it; earlier lines are
+/// discarded. `start_line_reader` starts to read the typed lines at the first prompt.
 fn answer_source_from_typed_lines(
     who: String,
     show: impl Fn(&str) + Send + Sync + 'static,
@@ -77,6 +78,7 @@ fn answer_source_from_typed_lines(
     })
 }
 
+/// Operator of `trued check` at the terminal.
 pub struct TerminalOperator {
     stop: CheckStop,
     typed_lines: Receiver<String>,
@@ -87,6 +89,8 @@ impl TerminalOperator {
         Self { stop, typed_lines: spawn_line_reader() }
     }
 
+    /// Repeats the question until the answer is valid; `NoOperator` if standard input has ended or a stop was
+    /// requested.
     async fn read_answer(&self, question: &OperatorQuestion) -> OperatorAnswer {
         loop {
             // Lines typed before the question do not answer it.
@@ -144,7 +148,7 @@ fn parse_retract_direction(line: &str) -> Option<OperatorAnswer> {
     axis.is_linear().then_some(OperatorAnswer::Retract(AxisDirection { axis, is_positive }))
 }
 
-/// Parses an observation: a letter, an axis, or a distance.
+/// Parses an observation: a letter, an axis, or a signed distance in mm or degrees.
 fn parse_observation(line: &str) -> Option<ObservedMotion> {
     match line.to_ascii_lowercase().as_str() {
         "y" | "yes" => return Some(ObservedMotion::AsAnnounced),

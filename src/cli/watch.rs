@@ -23,7 +23,8 @@ pub fn watch_command(args: &WatchArgs) -> Result<(), CommandFailure> {
     })
 }
 
-/// Shows every sample.
+/// Prints every sample until the printer has printed its last. After the sensor has ended the watch, single samples
+/// are read.
 async fn print_samples(
     sensor: &SensorHandle,
     sensor_address: &str,
@@ -51,6 +52,7 @@ async fn print_samples(
 
 struct SamplePrinter {
     json: bool,
+    /// Number of samples still to print, without samples that lack a signal; `None`: no limit.
     remaining_samples: Option<u64>,
     /// Whether the previous sample had no signal. A missing signal is printed once.
     was_signal_missing: bool,

@@ -19,12 +19,13 @@ pub(super) const PROBE_UNTESTED_REASON: &str = "the probe input was not tested, 
 
 /// Outcome of the check of one axis.
 enum AxisOutcome {
-    /// A finding is reported.
+    /// A finding is reported: ok, failed or not checked.
     Reported,
     /// No operator is present.
     NoOperator,
 }
 
+/// Jogs each axis except S. Without a tested probe or without an operator no axis is jogged.
 pub(super) async fn check_axes(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if !check.is_probe_working {
         check.report_unchecked(CheckPart::Axes, PROBE_UNTESTED_REASON);
@@ -44,6 +45,8 @@ pub(super) async fn check_axes(check: &mut MachineCheck<'_>) -> Result<(), Check
     Ok(())
 }
 
+/// Jogs one axis and moves it back; after an unclear observation the jog is repeated. A jog is not moved back if the
+/// operator does not report the motion, or if the control stops the jog: the check ends.
 async fn check_axis(check: &mut MachineCheck<'_>, axis: Axis) -> Result<AxisOutcome, CheckEnd> {
     if check.axes_beyond_limits.contains(&axis) {
         let why = format!("{axis}: the limits differ from the limits of the control; correct them first");
@@ -98,7 +101,8 @@ fn report_axis_not_returned(check: &mut MachineCheck<'_>, jog: &Jog, timer: Part
     check.report_failed(timer, what, remedy);
 }
 
-/// The jog of an axis; `None`, with a finding, if the axis cannot be jogged from its position.
+/// The jog of an axis away from its nearer limit; `None`, with a finding, if the axis cannot be jogged from its
+/// position. `None` without a finding if the position is not known.
 fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
     let (timer, machine) = (PartTimer::start(CheckPart::Axes), &check.machine_file.machine);
     let spec = machine.axes.get(&axis)?;
@@ -119,7 +123,7 @@ fn plan_jog(check: &mut MachineCheck<'_>, axis: Axis) -> Option<Jog> {
 /// Reports a jog that was refused or that the control did not execute.
 ///
 /// # Errors
-/// The control cannot continue.
+/// `Unsafe` after every error except a failed proof, which moves nothing; or a stop was requested.
 async fn report_failed_jog(
     check: &mut MachineCheck<'_>,
     jog: &Jog,
@@ -128,10 +132,10 @@ async fn report_failed_jog(
 ) -> Result<AxisOutcome, CheckEnd> {
     check.require_no_stop_request()?;
     check.has_axis_fault = true;
-    let reported = if error.has_changed_nothing() { None } else { describe_reported_motion(check, jog).await };
+    let reported = if error.is_proof_failure() { None } else { describe_reported_motion(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, format_signed_amount(jog), reported.unwrap_or_default());
     check.report_failed(timer, what, error.remedy());
-    if error.has_changed_nothing() { Ok(AxisOutcome::Reported) } else { Err(CheckEnd::Unsafe) }
+    if error.is_proof_failure() { Ok(AxisOutcome::Reported) } else { Err(CheckEnd::Unsafe) }
 }
 
 /// Reported motion since the jog, in words: the axis with the largest change. `None` if no position is known.
@@ -148,7 +152,7 @@ async fn describe_reported_motion(check: &MachineCheck<'_>, jog: &Jog) -> Option
     Some(format!("; the control reports a motion of {axis} by {}{of}", format_amount(axis, format_args!("{by:+.3}"))))
 }
 
-/// Reports whether the observed motion agrees with the jog.
+/// Reports whether the observed motion agrees with the jog; otherwise `has_axis_fault` is set.
 fn judge_observed_motion(
     check: &mut MachineCheck<'_>,
     jog: &Jog,
@@ -209,7 +213,8 @@ fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {
     format!("write positive = \"{other}\" in [axes.{axis}], or invert the direction of {axis} at the control")
 }
 
-/// Description and remedy of a wrong number of steps per unit. `observed_distance`: mm or degrees.
+/// Description and remedy of a wrong number of steps per unit. `observed_distance`: mm or degrees; the gain is this
+/// distance divided by that of the jog.
 fn gain_fault_and_remedy(jog: &Jog, observed_distance: f64) -> (String, String) {
     let (axis, unit, gain) = (jog.axis, axis_unit(jog.axis), (observed_distance / jog.by).abs());
     let is_inches = axis.is_linear() && (gain - 25.4).abs() < 1.5;

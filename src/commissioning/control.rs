@@ -7,6 +7,9 @@ use devices::controllers::{ControllerError, DeviceInfo, MachineSnapshot, describ
 use machine::Position;
 use machine::record::question::{OperatorAnswer, OperatorQuestion};
 
+/// Compares the device information of the control with the machine file and prepares the control. Ends the check with
+/// `Unsafe` if a finding of the control forbids motion. Other differences, or a control that reports no device
+/// information, are failed findings, and the check goes on.
 pub(super) async fn check_control(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let timer = PartTimer::start(CheckPart::Control);
     let result = check.controller()?.identify_device().await;
@@ -120,9 +123,9 @@ async fn prepare_and_report_position(check: &mut MachineCheck<'_>) -> Result<(),
     }
 }
 
-/// Prompts the operator to compare the reported position with the display. Only an operator can detect a wrong scale
-/// or a wrong order of registers that leaves all axes within their travel; an absolute move of one millimetre could
-/// then go anywhere.
+/// Prompts the operator to compare the reported position with the display; the answer no ends the check, without an
+/// operator the comparison is skipped. Only an operator can detect a wrong scale or a wrong order of registers that
+/// leaves all axes within their travel; an absolute move of one millimetre could then go anywhere.
 async fn confirm_displayed_position(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let timer = PartTimer::start(CheckPart::Control);
     let position = check.position.clone().unwrap_or_default();

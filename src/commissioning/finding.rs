@@ -8,19 +8,28 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CheckPart {
+    /// Opening of the links to the control; a fault is diagnosed.
     Links,
+    /// Samples of each sensor, and temperature of each thermometer.
     Sensors,
+    /// Device information, preparation and displayed position of the control.
     Control,
+    /// State of the probe input, with the stylus free and deflected; retract out of contact.
     Probe,
+    /// Direction and distance of a jog of each axis.
     Axes,
+    /// Effect of a hold during a jog.
     Hold,
+    /// Latch of the position of a contact by the control.
     Latch,
+    /// Data of `[report]` in the machine file, and the certificate of the artefact.
     Report,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CheckVerdict {
+    /// In agreement; also a remark of the control that does not prevent a measurement.
     Ok,
     Failed,
     /// Not checked, with the reason.
@@ -33,7 +42,9 @@ pub enum CheckVerdict {
 pub struct CheckFinding {
     pub part: CheckPart,
     pub verdict: CheckVerdict,
+    /// Result of the check, fault, or reason why it was not checked.
     pub what: String,
+    /// Time from the start of the check in this part to the finding, s; about 0 if not checked.
     pub took_s: f64,
     /// Remedy of a failure.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -18,7 +18,8 @@ use machine::record::question::{Jog, OperatorAnswer, OperatorQuestion};
 const HELD_JOG_LENGTH_MM: f64 = 5.0;
 /// Time from the start of the motion to the halt.
 const TIME_FROM_START_TO_HALT: Duration = Duration::from_millis(1500);
-/// Maximum travel after the halt, mm; one second at the slow feed of a jog.
+/// Maximum travel after the halt, mm; one second at the slow feed of a jog. The travel after the halt is the whole
+/// travel less feed times the time to the halt.
 const MAX_TRAVEL_AFTER_HALT_MM: f64 = 1.0;
 /// Maximum number of questions whether the control is released: the operator may answer too early.
 const MAX_RELEASE_QUESTIONS: usize = 3;
@@ -29,11 +30,14 @@ const JOG_END_TOLERANCE_MM: f64 = 0.05;
 struct HeldJog {
     /// Time from the start to the halt, s; `None`: the motion had ended before.
     time_to_halt_s: Option<f64>,
-    /// Time from the halt to the end of the motion, s.
+    /// Time from the halt to the end of the motion, s; 0 without a halt.
     stopping_time_s: f64,
+    /// Result of the jog; `Halted` after an effective halt.
     block_result: Result<MotionBlockOutcome, ControllerError>,
 }
 
+/// Halts a jog and judges its travel after the halt; then the operator releases the control. Not checked after a
+/// fault of an axis, with an untested probe, or without the operator's permission.
 pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault {
         check.report_unchecked(CheckPart::Hold, "an axis did not follow its command; correct this first");
@@ -67,7 +71,7 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
         Err(error) => {
             check.require_no_stop_request()?;
             check.report_failed(timer, error.to_string(), error.remedy());
-            return if error.has_changed_nothing() { Ok(()) } else { Err(CheckEnd::Unsafe) };
+            return if error.is_proof_failure() { Ok(()) } else { Err(CheckEnd::Unsafe) };
         }
     };
     let held = run_and_halt_jog(check, proven).await?;
@@ -76,7 +80,8 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
     if judge_hold_and_return_held(check, &jog, held, timer).await? { wait_for_release(check).await } else { Ok(()) }
 }
 
-/// A jog of the linear axis that has the most travel in the direction of the jog.
+/// The collision-free jog of the linear axis that has the most travel in the direction of the jog (away from the
+/// nearer limit); `None` if no linear axis has a collision-free jog.
 fn jog_of_axis_with_most_travel(check: &MachineCheck<'_>) -> Option<Jog> {
     let stands = check.position.as_ref()?;
     let room = |axis: Axis| {
@@ -93,6 +98,7 @@ fn jog_of_axis_with_most_travel(check: &MachineCheck<'_>) -> Option<Jog> {
     all.max_by(|one, other| one.1.total_cmp(&other.1)).map(|(jog, _)| jog)
 }
 
+/// Executes the jog and halts it after `TIME_FROM_START_TO_HALT`, unless it has ended before.
 async fn run_and_halt_jog(check: &MachineCheck<'_>, proven: ProvenJog) -> Result<HeldJog, CheckEnd> {
     let controller = check.controller()?;
     let _motion = check.stop.begin_motion().ok_or(CheckEnd::Stopped)?;
@@ -114,7 +120,8 @@ fn hold_remedy() -> String {
     format!("check how the control receives a hold. {}", control_hints(|control| Some(control.hold_command_hint)))
 }
 
-/// Judges the jog and reports the finding; returns whether the control is held.
+/// Judges the jog and reports the finding; returns whether the control is held. A hold that fails or has no effect
+/// ends the check with `Unsafe`.
 async fn judge_hold_and_return_held(
     check: &mut MachineCheck<'_>,
     jog: &Jog,

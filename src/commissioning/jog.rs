@@ -49,13 +49,15 @@ impl JogError {
         }
     }
 
-    /// Whether nothing has moved and the control is unchanged.
-    pub fn has_changed_nothing(&self) -> bool {
+    /// Whether the jog failed in its proof, before anything was sent. False for `PositionChanged`: the machine was
+    /// moved by hand.
+    pub fn is_proof_failure(&self) -> bool {
         !matches!(self, Self::Control(_) | Self::PositionChanged { .. })
     }
 }
 
-/// A jog by `distance_mm_or_deg` away from the nearer limit. `None`: the axis lacks the travel.
+/// A jog by `distance_mm_or_deg` away from the nearer limit. `None`: the position is not known, the axis lacks the
+/// travel, or it is beyond a limit.
 pub(super) fn jog_away_from_limit(
     axis: Axis,
     distance_mm_or_deg: f64,
@@ -90,6 +92,8 @@ pub(super) fn prove_planned_jog(check: &MachineCheck<'_>, jog: &Jog) -> Result<P
     prove_move(check, position, jog, SingleMoveKind::Jog)
 }
 
+/// Proves a motion of one axis from `position`: a linear axis jogs with a guarded move; a rotary axis, and any axis
+/// in a retract, moves without guarding against contact.
 fn prove_move(
     check: &MachineCheck<'_>,
     position: &Position,
@@ -136,7 +140,7 @@ pub(super) async fn prove_jog_and_check_position_unchanged(
     Ok(proven)
 }
 
-/// Executes a jog and updates the position.
+/// Executes a jog and sets the stored position to the commanded end; the position is not read again.
 ///
 /// # Errors
 /// The errors of [`prove_jog_and_check_position_unchanged`]; or the error of the control that stopped the jog.
@@ -176,6 +180,7 @@ async fn execute_block(check: &MachineCheck<'_>, block: ProvenBlock) -> Result<(
     Ok(())
 }
 
+/// Compares the reported position of all axes except S with the stored position.
 async fn check_position_unchanged(check: &MachineCheck<'_>) -> Result<(), JogError> {
     let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
     let now = controller.read_snapshot().await?.position;

@@ -19,6 +19,8 @@ use methods::{IdentifyError, Method, MethodRefusal};
 /// Maximum share of the declared repeatability that the PLC scan may add to a touch; the advised feed follows from it.
 const MAX_PLC_SCAN_SHARE_OF_REPEATABILITY: f64 = 0.1;
 
+/// Touches the part by the method `latch-delay`, with the operator's permission. Not checked after a fault of an axis
+/// or with an untested probe. A fault of this part does not end the check.
 pub(super) async fn check_latch(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault || check.position.is_none() {
         check.report_unchecked(CheckPart::Latch, "the machine is not ready for touches; see the findings above");
@@ -92,7 +94,8 @@ async fn touch_part_and_report_latch(
     Ok(())
 }
 
-/// Measures with the method `latch-delay` and stores the run as any other run.
+/// Measures with the method `latch-delay` and stores the run as any other run. The inner error is that of the run;
+/// the outer error ends the check.
 async fn run_latch_delay_method(
     check: &MachineCheck<'_>,
     method: Arc<dyn Method>,
@@ -120,6 +123,7 @@ async fn run_latch_delay_method(
     Ok(result)
 }
 
+/// A PLC scan, excess scatter and a significant negative delay are failed findings.
 fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, timer: PartTimer) {
     match result.latch_diagnosis {
         LatchDiagnosis::NoPlcScan { .. } => check.report_ok(timer, &result.latch_text),
@@ -146,7 +150,8 @@ fn report_latch(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: 
     report_scatter(check, result, probe, timer);
 }
 
-/// Compares the scatter of the touches with the declared repeatability.
+/// Compares the scatter of the slow touches with the declared repeatability: excess scatter is a failed finding.
+/// Otherwise nothing is reported if no repeatability is declared, or if a PLC scan is found.
 fn report_scatter(check: &mut MachineCheck<'_>, result: &LatchDelayResult, probe: &Probe, timer: PartTimer) {
     match (&result.excess_scatter_text, probe.repeatability_um) {
         (Some(text), _) => check.report_failed(

@@ -5,18 +5,21 @@ use devices::controllers::{DeviceInfo, ReportedAxisProperties};
 use machine::Axis;
 use machine::record::machine::{Machine, StatedAxis};
 
-/// Relative amount by which a value may exceed that of the control, whose values are rounded.
+/// Amount by which a value may exceed that of the control, whose values are rounded: relative to that value, or for a
+/// travel limit to the travel in the machine file.
 const RELATIVE_ROUNDING_TOLERANCE: f64 = 1e-3;
 
-/// A value of the machine file that exceeds that of the control, and the remedy.
+/// A value of the machine file that exceeds that of the control, or an axis that the control does not have, and the
+/// remedy.
 #[derive(Debug, PartialEq)]
 pub(super) struct MachineFileDifference {
-    /// Axis whose travel in the machine file exceeds the control's limits.
+    /// Axis whose travel in the machine file exceeds the control's limits; `None`: another difference.
     pub axis_beyond_limits: Option<Axis>,
     pub description: String,
     pub remedy: String,
 }
 
+/// Differences of all axes except S; none if the control reports no axes.
 pub(super) fn machine_file_differences(machine: &Machine, info: &DeviceInfo) -> Vec<MachineFileDifference> {
     let mut differences = Vec::new();
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
@@ -43,6 +46,7 @@ fn axis_missing_at_control(axis: Axis, info: &DeviceInfo) -> MachineFileDifferen
     }
 }
 
+/// Values of the machine file that exceed those of the control; smaller values are no difference.
 fn axis_differences(axis: Axis, spec: &StatedAxis, info: &ReportedAxisProperties) -> Vec<MachineFileDifference> {
     let mut differences = Vec::new();
     let span = spec.max - spec.min;

@@ -39,9 +39,9 @@ use planning::gcode::TransmissionForm;
 /// Reason why the remaining parts are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum CheckEnd {
-    /// The fault must be corrected first.
+    /// The fault must be corrected first. The remaining parts are reported as not checked.
     Unsafe,
-    /// A person has stopped the check.
+    /// A person has stopped the check. The remaining parts have no finding.
     Stopped,
 }
 
@@ -61,7 +61,8 @@ impl PartTimer {
 type PartCheckFuture<'c> = Pin<Box<dyn Future<Output = Result<(), CheckEnd>> + 'c>>;
 type PartCheckFn = for<'c, 'a> fn(&'c mut MachineCheck<'a>) -> PartCheckFuture<'c>;
 
-/// The parts in their order, each with the function that checks it.
+/// The parts in their order, each with the function that checks it. The part `report` follows, also after an unsafe
+/// end.
 const CHECK_PARTS: [(CheckPart, PartCheckFn); 7] = [
     (CheckPart::Links, |check| Box::pin(links::check_links(check))),
     (CheckPart::Sensors, |check| Box::pin(sensors::check_sensors(check))),
@@ -83,17 +84,20 @@ pub struct MachineCheck<'a> {
     /// Called with each finding.
     on_finding: &'a mut dyn FnMut(&CheckFinding),
     stop: CheckStop,
-    /// The open devices, once the links are checked.
+    /// The open devices; `None` before the links are checked, after a fault of the link, and while a hold is
+    /// released.
     devices: Option<Devices>,
-    /// Last known position of the machine; `None` before the control is prepared.
+    /// Last known position of the machine; `None` before the control is prepared, and after a hold until it is
+    /// prepared again.
     position: Option<Position>,
     /// How the control receives blocks; known after it was prepared.
     transmission: Option<TransmissionForm>,
     /// Setting that inverts the probe input at the control, in the control's terms.
     probe_polarity_hint: Option<String>,
-    /// Whether the probe input was seen both open and closed.
+    /// Whether the probe input was open at rest, closed while the stylus was deflected, and open again.
     is_probe_working: bool,
-    /// Whether an axis did not follow its command.
+    /// Whether the check of an axis has failed: it did not move as commanded, is outside its travel, or its jog was
+    /// refused.
     has_axis_fault: bool,
     /// Axes whose travel in the machine file exceeds the control's limits: a jog may end in an alarm.
     axes_beyond_limits: Vec<Axis>,

@@ -17,10 +17,13 @@ struct ProbeInputBehaviour {
     is_closed_at_rest: bool,
     /// The input changes while the stylus is deflected.
     follows_stylus: bool,
-    /// The input returns to its state at rest.
+    /// The input returns to its state at rest. False also if the operator does not confirm that the stylus is free
+    /// again.
     returns_to_rest: bool,
 }
 
+/// Ends the check if the probe input has a fault. An untested probe that reads open does not end the check: the parts
+/// that need contact detection are not checked then.
 pub(super) async fn check_probe(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     retract::retract_from_contact(check).await?;
     let timer = PartTimer::start(CheckPart::Probe);
@@ -46,7 +49,7 @@ async fn test_probe_input(
     check: &mut MachineCheck<'_>,
     timer: PartTimer,
 ) -> Result<Option<ProbeInputBehaviour>, CheckEnd> {
-    let is_mounted = is_probe_mounted(check).await?;
+    let is_mounted = is_probe_possibly_mounted(check).await?;
     let is_free = is_mounted && is_stylus_state_confirmed(check, StylusState::Free).await?;
     let is_closed_at_rest = control::read_snapshot_for_probe_part(check, timer).await?.is_probe_closed;
     if !is_free || !is_stylus_state_confirmed(check, StylusState::Deflected).await? {
@@ -65,13 +68,15 @@ async fn is_stylus_state_confirmed(check: &mut MachineCheck<'_>, state: StylusSt
     Ok(check.prompt_operator(OperatorQuestion::StylusState(state)).await? == OperatorAnswer::Yes)
 }
 
-/// Whether the probe is mounted. The operator is asked to mount it if a sensor may have replaced it.
-async fn is_probe_mounted(check: &mut MachineCheck<'_>) -> Result<bool, CheckEnd> {
+/// Whether the probe may be in the spindle: true if no sensor replaces it there, and also if no operator answers. The
+/// operator is asked to mount it if a sensor may have replaced it.
+async fn is_probe_possibly_mounted(check: &mut MachineCheck<'_>) -> Result<bool, CheckEnd> {
     let swapped = check.machine_file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
     Ok(!swapped
         || check.prompt_operator(OperatorQuestion::StylusState(StylusState::Mounted)).await? != OperatorAnswer::No)
 }
 
+/// A closed input is a failed finding. An open input is ok, with the finding that its closing is not checked.
 fn report_untested_probe(check: &mut MachineCheck<'_>, timer: PartTimer, is_closed_at_rest: bool, why: &str) {
     if is_closed_at_rest {
         let remedy = "run `trued check` on a terminal: it retracts a stylus from a contact step by step and \

@@ -9,7 +9,7 @@ use devices::controllers::ControllerError;
 use machine::record::question::{AxisDirection, Jog, OperatorAnswer, OperatorQuestion};
 use machine::{Axis, Position};
 
-/// Maximum number of answers in one check.
+/// Maximum number of the operator's directions in one check, with those that caused no motion.
 const MAX_RETRACT_ANSWERS: usize = 20;
 
 /// Prompts for a direction and moves by one increment, until the probe input is open or the operator leaves it closed.
@@ -71,7 +71,7 @@ async fn retract_by_one_increment(check: &mut MachineCheck<'_>, direction: AxisD
         Err(JogError::Control(ControllerError::ProbeStillClosed { .. })) => {
             Ok(format!("{direction}: moved by {RETRACT_INCREMENT_MM} mm; the probe still reads closed"))
         }
-        Err(error) if error.has_changed_nothing() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
+        Err(error) if error.is_proof_failure() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
         Err(error) => check.end_with_fault(timer, format!("{direction}: {error}"), error.remedy()),
     }
 }

@@ -11,10 +11,11 @@ const SENSOR_TEST_DURATION_S: f64 = 0.5;
 const MIN_TEST_SAMPLES: u32 = 20;
 /// Maximum number of samples of the test: a fast sensor is tested for a shorter time.
 const MAX_TEST_SAMPLES: u32 = 500;
-/// Maximum ratio of the measured noise to the declared noise. A larger ratio indicates another sensor or another
-/// mounting place.
+/// Maximum ratio of the measured noise (standard deviation) to the declared noise. A larger ratio indicates another
+/// sensor or another mounting place.
 const MAX_NOISE_RATIO: f64 = 5.0;
-/// Maximum relative deviation of the sample rate. The computer may be late with the first or the last sample.
+/// Maximum relative deviation of the sample rate from `rate_hz`. The computer may be late with the first or the last
+/// sample.
 const MAX_RELATIVE_RATE_DEVIATION: f64 = 0.2;
 
 /// Description and remedy of a fault.
@@ -51,6 +52,8 @@ async fn record_samples(check: &MachineCheck<'_>, name: &str) -> Result<(SensorI
     Ok((prepared, samples))
 }
 
+/// The first fault: missing or late samples, then noise, then sample rate. Noise and rate are checked only if the
+/// machine file states them.
 fn sensor_fault(
     SensorEntry { sensor, sample_rate_hz: rate_hz, .. }: &SensorEntry,
     samples: &[Sample],
@@ -86,6 +89,8 @@ fn missing_samples_fault(samples: &[Sample]) -> Option<SensorFault> {
     (stale > 0).then_some((what, remedy))
 }
 
+/// Fault if all values are equal (unless the declared noise is 0), or if their standard deviation is more than
+/// `MAX_NOISE_RATIO` times the declared noise.
 fn noise_fault(declared_noise_um: f64, values: &[f64]) -> Option<SensorFault> {
     let (_, sd) = mean_and_standard_deviation(values)?;
     if values.iter().all(|value| *value == values[0]) && declared_noise_um > 0.0 {
@@ -98,6 +103,7 @@ fn noise_fault(declared_noise_um: f64, values: &[f64]) -> Option<SensorFault> {
     (1e3 * sd > MAX_NOISE_RATIO * declared_noise_um).then_some((what, remedy))
 }
 
+/// Fault of the sample rate, for which lost samples count as sent.
 fn rate_fault(declared_hz: f64, samples: &[Sample]) -> Option<SensorFault> {
     let (first, rest) = samples.split_first()?;
     let span_s = rest.last()?.received_s - first.received_s;

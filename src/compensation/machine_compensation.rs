@@ -56,7 +56,9 @@ pub struct HashedProposal {
 /// Present compensation values of the control, and the last compensation in the journal.
 #[derive(Debug, Clone, Serialize)]
 pub struct CompensationStatus {
+    /// Present values of the control.
     pub values: Vec<ControlValue>,
+    /// Newest compensation of these values, or the unfinished one of their kind.
     pub last: Option<StoredCompensation>,
 }
 
@@ -79,6 +81,8 @@ impl<'a> MachineCompensation<'a> {
         &*self.target
     }
 
+    /// Proposes values from the last estimate of the run; nothing is written.
+    ///
     /// # Errors
     /// As [`propose_for_control`].
     pub fn propose(&self, source: ProposalSource) -> Result<HashedProposal, CompensationError> {
@@ -86,7 +90,7 @@ impl<'a> MachineCompensation<'a> {
         Ok(HashedProposal { sha256: proposal.sha256().map_err(ControlProposalError::from)?, proposal })
     }
 
-    /// Writes the proposal whose hash `who` has approved. Returns the number of the compensation.
+    /// Writes the proposal whose hash `who` has approved. Returns the number of the compensation and the proposal.
     ///
     /// # Errors
     /// As [`Self::propose`] and [`CompensationWriter::write`].

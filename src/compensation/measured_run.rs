@@ -14,7 +14,7 @@ use super::proposal::stated_stylus_uncertainty;
 use crate::setup::MachineFile;
 use crate::store::StoredRun;
 
-/// One of the two runs, with what its estimate determines.
+/// One of the two runs of a verification, with its estimate.
 pub(super) struct MeasuredRun<'a> {
     pub(super) stored: &'a StoredRun,
     estimate: &'a Estimate,
@@ -30,6 +30,7 @@ impl<'a> MeasuredRun<'a> {
         MeasuredAxisPositions::new(&self.stored.plan.machine, self.stylus, self.estimate)
     }
 
+    /// Errors of the tool that remain while the control takes the errors `compensated` into account.
     pub(super) fn predictor(&self, compensated: Vec<ErrorTerm>) -> Result<ErrorPredictor<'a>, MethodRefusal> {
         let predictor =
             ErrorPredictor::new(&self.stored.plan.machine, self.stylus, self.estimate, WorkZero::TableOrigin)?;
@@ -45,6 +46,7 @@ impl<'a> MeasuredRun<'a> {
         readings.collect()
     }
 
+    /// Smallest degrees of freedom of the identifiable parameters; infinite if none states them.
     fn smallest_dof(&self) -> f64 {
         let dofs = self.estimate.parameters.iter().filter(|own| own.identifiable).filter_map(|own| own.dof);
         dofs.fold(f64::INFINITY, f64::min)
@@ -54,6 +56,7 @@ impl<'a> MeasuredRun<'a> {
 /// All comparisons of a verification hold together with the probability 95.45 %.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct JointCoverage {
+    /// Positions and travels that the values correct, and three for each reading of the tool centre.
     comparison_count: usize,
     /// Smallest degrees of freedom of both estimates.
     dof: f64,
@@ -68,11 +71,12 @@ impl JointCoverage {
         }
     }
 
+    /// Factor on the expanded uncertainty (95.45 %) of one comparison, so that all comparisons hold together.
     pub(super) fn ratio(self) -> f64 {
         joint_coverage_ratio(self.comparison_count, self.dof)
     }
 
-    /// Coverage factor of a standard uncertainty.
+    /// Coverage factor of a standard uncertainty for all comparisons together.
     pub(super) fn factor(self) -> f64 {
         self.ratio() * coverage_factor(self.dof)
     }

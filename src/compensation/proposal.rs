@@ -94,6 +94,7 @@ pub struct RemainingAxisError {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PredictedToolError {
     pub largest_um: f64,
+    /// U (k = 2) of `largest_um`.
     #[serde(rename = "U_largest_um")]
     pub expanded_largest_um: f64,
 }
@@ -182,8 +183,8 @@ pub fn propose_for_control(
     })
 }
 
-/// By the machine file; without coordinates of the stylus in the estimate, as the run stated it: then it is part of the
-/// estimate.
+/// Uncertainty of the stylus: as `file` states it if the estimate contains coordinates of the stylus (`tool_…`);
+/// otherwise as the run stated it, because it is then part of the estimate.
 pub(super) fn stated_stylus_uncertainty(
     plan: &Plan,
     estimate: &Estimate,
@@ -227,7 +228,8 @@ pub(super) fn check_run_used_present_values(
     Ok(())
 }
 
-/// Checks that the run measured the machine of `file` with its real control.
+/// Checks that the run measured the machine of `file` with its real control, and that topology, axes, tool, stylus
+/// and active compensations are the same.
 pub(super) fn check_same_real_machine(
     run: RunId,
     stored: &StoredRun,
@@ -304,6 +306,8 @@ pub(super) fn remaining_errors(
     remaining.collect()
 }
 
+/// Whether the proposal has a position or travel for this error, also if the present value is kept. Linear errors of
+/// the spindle count as corrected by positions.
 fn is_corrected(own: &Parameter, proposal: &Proposal) -> bool {
     let is_scale = |travel: &ProposedTravel| own.symbol == format!("E{0}{0}1", travel.travel.axis);
     let is_position = |position: &ProposedPosition| {

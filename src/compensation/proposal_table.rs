@@ -16,7 +16,9 @@ pub struct PositionRow {
     /// e.g. `X of C`, or `X from -300 to 300`.
     pub name: String,
     pub present: String,
+    /// Measured position, or required correction of the travel.
     pub measured: String,
+    /// U of `measured`.
     pub expanded: String,
     pub proposed: String,
     /// Reason why the present position is kept, and remedy.

@@ -34,6 +34,8 @@ pub fn render_correction_sheet(journal: &Journal, run: RunId) -> Result<Rendered
     Ok(RenderedSheet { html: sheet.render(estimate)?, csv })
 }
 
+/// Positions of the rotary axes that carry the workpiece, across their directions; and all other identified errors
+/// except those in µm.
 fn correction_sheet(run: RunId, stored: &StoredRun) -> Result<CorrectionSheet, ControlProposalError> {
     let last = last_usable_estimate(run, stored)?;
     let plan = &stored.plan;
@@ -78,6 +80,7 @@ fn correction_sheet(run: RunId, stored: &StoredRun) -> Result<CorrectionSheet, C
     })
 }
 
+/// Row of one position; if the run does not determine it, the row has the reason and the remedy instead of a value.
 fn position_row(measured: &MeasuredAxisPositions<'_>, coordinate: RotaryAxisCoordinate) -> SheetRow {
     let number = |mm: f64| format_fixed(mm, MM_DECIMALS);
     let row = SheetRow {

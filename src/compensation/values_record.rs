@@ -24,11 +24,13 @@ fn describe_values(file: &MachineFile, kind: &str, last: Option<&StoredCompensat
         Ok(values) => values,
         Err(error) => return vec![format!("the compensation values of the control ({kind}) are unknown: {error}")],
     };
-    let of_last = last.and_then(|last| describe_differences(&values, last).or_else(|| demand_verification(last)));
+    let of_last =
+        last.and_then(|last| describe_differences(&values, last).or_else(|| describe_missing_verification(last)));
     [values_message(kind, &values)].into_iter().chain(of_last).collect()
 }
 
-fn demand_verification(last: &StoredCompensation) -> Option<String> {
+/// Sentence about a last compensation that is not verified, or not confirmed; otherwise `None`.
+fn describe_missing_verification(last: &StoredCompensation) -> Option<String> {
     let id = last.id;
     match last.state {
         CompensationState::Written => Some(format!(
@@ -43,6 +45,7 @@ fn demand_verification(last: &StoredCompensation) -> Option<String> {
     }
 }
 
+/// The present values, after a check that the control uses them.
 fn read_values_in_effect(file: &MachineFile, kind: &str) -> Result<Vec<ControlValue>, TargetError> {
     let target = open_target(file, Some(kind))?;
     let values = target.read()?.values().to_vec();
@@ -50,6 +53,7 @@ fn read_values_in_effect(file: &MachineFile, kind: &str) -> Result<Vec<ControlVa
     Ok(values)
 }
 
+/// Message about the values in the record of a run. Runs are compared with the control by this text.
 fn values_message(kind: &str, values: &[ControlValue]) -> String {
     let listed: Vec<String> = values.iter().map(|value| format!("{} {} mm", value.name, value.text)).collect();
     format!("{}{}", values_message_prefix(kind), listed.join(", "))
@@ -83,6 +87,8 @@ pub(super) fn records_same_values(stored: &StoredRun, kind: &str, values: &[Cont
     first.is_some_and(|text| *text == present) && recorded.all(|text| *text == present)
 }
 
+/// Sentence about values of the control that differ from those of the last compensation (after an undo: from those
+/// before it); `None` if all agree.
 fn describe_differences(values: &[ControlValue], last: &StoredCompensation) -> Option<String> {
     let is_undone = last.state.is_undone();
     let differences = last.changes.iter().filter_map(|change| {

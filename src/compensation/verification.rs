@@ -22,7 +22,8 @@ use devices::compensation::are_values_equal;
 
 /// Difference of two rotary positions, rad, from which they are other ones: 1°.
 const MIN_POSITION_DIFFERENCE_RAD: f64 = 0.017_453_292_519_943_295;
-/// Minimum number of rotary positions at which only the second run measured.
+/// Minimum number of rotary positions at which only the second run measured; checked if the values contain positions
+/// of rotary axes.
 const MIN_NEW_POSITIONS: usize = 3;
 
 #[derive(Debug, thiserror::Error)]
@@ -75,12 +76,13 @@ impl VerificationError {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Verification {
     pub compensation: i64,
-    /// Run of the compensation.
+    /// Run from which the compensation was computed.
     pub first_run: RunId,
     /// Run that measured with the new values.
     pub run: RunId,
     /// Rotary positions at which only the second run measured.
     pub new_position_count: usize,
+    /// Remaining errors of the positions and travels that both runs determine, measured and predicted.
     pub deviations: Vec<RemainingDeviation>,
     /// Empty: the run has not read the tool centre of the control. `None`: these values do not determine it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -104,8 +106,8 @@ impl Verification {
 /// Verifies the last compensation of these values of the machine by `run`.
 ///
 /// # Errors
-/// None is written; the control, or the run, had other values; the run is older, measured at the same positions, or has no
-/// usable estimate.
+/// None is written; the control, or the run, had other values; the run is older, measured at the same positions, or
+/// has no usable estimate.
 pub fn verify_by_run(
     journal: &Journal,
     run: RunId,
@@ -151,8 +153,8 @@ pub fn verify_by_run(
     })
 }
 
-/// Checks that the control holds the values of the compensation, and held them during the run: by its record, or, where a
-/// run does not record them, by the time of its start.
+/// Checks that the control holds the values of the compensation, and held them during the run: by its record, or,
+/// where a run does not record them, by the time of its start.
 fn check_values(
     last: &StoredCompensation,
     stored: &StoredRun,
@@ -176,8 +178,8 @@ fn check_values(
     }
 }
 
-/// Number of rotary positions, with the orientation of the spindle, at which only the second run measured. A combination
-/// measured where its runs did.
+/// Number of rotary positions, with the orientation of the spindle, at which only the second run measured. A
+/// combination measured where its runs did.
 fn new_rotary_positions(journal: &Journal, first: &StoredRun, second: &StoredRun) -> Result<usize, StoreError> {
     let mut known = Vec::new();
     add_rotary_positions(first, &mut known);

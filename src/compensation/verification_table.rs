@@ -14,8 +14,9 @@ pub struct VerificationRow {
     pub name: String,
     pub predicted: String,
     pub measured: String,
-    /// Limit of the difference of both.
+    /// Limit of |measured − predicted|.
     pub limit: String,
+    /// Whether the difference is within `limit`, and the predicted error within its own limit.
     pub is_within_limits: bool,
 }
 

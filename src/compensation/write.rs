@@ -12,7 +12,8 @@ use methods::compensation::ControlModel;
 use super::proposal::ControlProposal;
 use super::target::{CompensationTarget, TargetError, last_compensation, values_before_or_after};
 
-/// Maximum age of a measurement for a change of the control: after this time the temperatures of the machine differ.
+/// Maximum age of a measurement for a change of the control, from the start of the run (of a combination: of its
+/// oldest run): after this time the temperatures of the machine differ.
 const MAX_AGE_OF_MEASUREMENT: SignedDuration = SignedDuration::from_hours(24);
 /// Maximum time by which the start of a run may be later than the present time: a later start means a wrong clock.
 const MAX_CLOCK_ERROR: SignedDuration = SignedDuration::from_hours(1);
@@ -124,6 +125,7 @@ impl WriteDirection {
         }
     }
 
+    /// Text of the value to write; to restore a value, the text that the control had before, if it is journaled.
     fn value_text(self, change: &CompensationChange) -> String {
         match self {
             Self::ToNewValues => change.after_mm.to_string(),
@@ -134,11 +136,13 @@ impl WriteDirection {
 }
 
 impl CompensationWriter<'_> {
-    /// Writes the values of `proposal`, whose hash `approved_sha256` a person has approved.
+    /// Writes the values of `proposal`, whose hash `approved_sha256` a person has approved. Returns the number of the
+    /// compensation.
     ///
     /// # Errors
-    /// The approval is of another proposal, or too old; an earlier compensation is unfinished; the control refuses a
-    /// write or reads back another value. An error after the first write leaves the compensation unfinished.
+    /// The approval is of another proposal; the measurement is too old; an earlier compensation is unfinished; a run
+    /// can still be resumed; no value changes; the control refuses a write or reads back another value. An error
+    /// after the first write leaves the compensation unfinished.
     pub fn write(&self, proposal: &ControlProposal, approved_sha256: &str) -> Result<i64, CompensationWriteError> {
         if let Some(unfinished) = self.journal.unfinished_compensation(self.lock.machine())? {
             return Err(unfinished.into());
@@ -211,6 +215,7 @@ impl CompensationWriter<'_> {
         Ok(last)
     }
 
+    /// Refuses a change while a run of the machine can be resumed. A run that a person has abandoned does not count.
     fn check_no_resumable_run(&self) -> Result<(), CompensationWriteError> {
         let of_machine = RunFilter { machine: Some(self.lock.machine()), ..RunFilter::default() };
         let runs = self.journal.list_runs(of_machine, usize::MAX)?;
@@ -226,6 +231,8 @@ impl CompensationWriter<'_> {
         last_compensation(self.journal, self.lock.machine(), self.target)
     }
 
+    /// Checks that the control has the values of the last write and no longer uses the replaced ones, and then ends
+    /// the compensation as written, or as undone.
     fn confirm_restart(&self, last: &StoredCompensation) -> Result<(), CompensationWriteError> {
         let is_undone = last.state.is_undone();
         let present = self.target.read()?;
@@ -240,6 +247,7 @@ impl CompensationWriter<'_> {
         Ok(self.journal.set_compensation_state(last.id, end, self.who).wait()?)
     }
 
+    /// Writes the changed values of a journaled compensation again, in either direction.
     fn rewrite(&self, last: &StoredCompensation, direction: WriteDirection) -> Result<(), CompensationWriteError> {
         self.check_not_changed_by_other(&last.changes)?;
         self.target.check_writable()?;
@@ -261,6 +269,7 @@ impl CompensationWriter<'_> {
         Ok(())
     }
 
+    /// Writes the values that the compensation changes, and journals the state after the write.
     fn write_values(
         &self,
         id: i64,

@@ -48,8 +48,8 @@ pub fn effective_dof(variances_and_dofs: &[(f64, f64)]) -> f64 {
     if spread > 0.0 { combined * combined / spread } else { f64::INFINITY }
 }
 
-/// Bounds within which χ² with `dof` degrees of freedom lies with `probability`, with equal tails. `None` for a
-/// `dof` that is not positive or a probability outside (0, 1).
+/// Bounds within which χ² with `dof` degrees of freedom lies with `probability`, with equal tails. `None` for a `dof`
+/// that is not positive and finite, or a probability outside (0, 1).
 pub fn chi_square_bounds(dof: f64, probability: f64) -> Option<(f64, f64)> {
     let distribution = ChiSquared::new(dof).ok().filter(|_| dof.is_finite())?;
     let tail = 0.5 * (1.0 - probability);
@@ -62,8 +62,9 @@ pub fn chi_square_tail(chi2: f64, dof: f64) -> f64 {
     ChiSquared::new(dof).map_or(f64::NAN, |distribution| distribution.sf(chi2))
 }
 
-/// Bound that the ratio of two sample variances of the same distribution does not exceed with `probability`. `None` for
-/// degrees of freedom that are not positive or a probability outside (0, 1).
+/// One-sided bound that the ratio of two sample variances of the same normal distribution, numerator by denominator,
+/// does not exceed with `probability` (quantile of F). `None` for degrees of freedom that are not positive or a
+/// probability outside (0, 1).
 pub fn variance_ratio_bound(probability: f64, numerator_dof: f64, denominator_dof: f64) -> Option<f64> {
     let distribution = FisherSnedecor::new(numerator_dof, denominator_dof).ok()?;
     let inside = probability > 0.0 && probability < 1.0;

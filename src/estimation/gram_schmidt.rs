@@ -56,8 +56,9 @@ impl ColumnMatrix {
         self.column_count = count;
     }
 
-    /// Makes the first `pivots` columns orthonormal and subtracts their components from all other columns. Returns
-    /// R (pivots × columns), and whether one of the first `pivots` columns is a linear combination of those before it.
+    /// Makes the first `pivots` columns orthonormal and subtracts their components from all other columns. Returns R
+    /// (pivots × columns), and whether one of the first `pivots` columns is a linear combination of those before it;
+    /// such a column becomes zero.
     pub fn orthonormalise_leading_columns(&mut self, pivots: usize) -> (Mat<f64>, bool) {
         Arch::new().dispatch(OrthonormaliseColumns { columns: self, pivots })
     }
@@ -78,6 +79,7 @@ impl ColumnMatrix {
     }
 }
 
+/// Vectorised body of [`ColumnMatrix::orthonormalise_leading_columns`].
 struct OrthonormaliseColumns<'a> {
     columns: &'a mut ColumnMatrix,
     pivots: usize,
@@ -114,6 +116,7 @@ impl WithSimd for OrthonormaliseColumns<'_> {
     }
 }
 
+/// Vectorised body of [`ColumnMatrix::subtract_projections`].
 struct SubtractProjections<'a> {
     columns: &'a ColumnMatrix,
     y: &'a mut [f64],

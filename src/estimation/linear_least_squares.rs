@@ -9,9 +9,9 @@ use faer::{Mat, MatRef};
 
 use crate::thin_svd::ThinSvd;
 
-/// Relative threshold of singular values below which a direction counts as not determined.
+/// Threshold of singular values, relative to the largest, below which a direction counts as not determined.
 pub const RANK_THRESHOLD: f64 = 1e-10;
-/// Relative threshold of the singular values of the constraints, which are exact.
+/// Threshold of the singular values of the constraints, relative to the largest; the constraints are exact.
 const CONSTRAINT_RANK_THRESHOLD: f64 = 1e-12;
 
 /// Least-squares problem: minimise Σ((y − A x)/σ)² under C x = 0.
@@ -19,15 +19,17 @@ const CONSTRAINT_RANK_THRESHOLD: f64 = 1e-12;
 pub struct LinearProblem<'a> {
     /// Design matrix A, rows × unknowns.
     pub a: MatRef<'a, f64>,
+    /// Measured values, one per row.
     pub y: &'a [f64],
     /// Standard uncertainty of each row, in the unit of `y`.
     pub sigma: &'a [f64],
     /// Explicit gauge, constraints × unknowns: C x = 0. Redundant rows are allowed.
     pub constraints: Option<MatRef<'a, f64>>,
-    /// Relative threshold of singular values, usually [`RANK_THRESHOLD`].
+    /// Threshold of singular values, relative to the largest; usually [`RANK_THRESHOLD`].
     pub rank_threshold: f64,
 }
 
+/// Solution of a [`LinearProblem`] whose rows determine all directions that the constraints leave free.
 #[derive(Debug, Clone)]
 pub struct LinearSolution {
     pub x: Vec<f64>,
@@ -135,7 +137,7 @@ pub fn analyse_rank(
     })
 }
 
-/// Ratio to the largest column norm below which a column consists of rounding errors.
+/// Ratio to the largest column norm below which a column consists of rounding errors and is not scaled.
 const ZERO_COLUMN_RATIO: f64 = 1e-13;
 
 /// The weighted matrix on the directions that the constraints leave free: A·basis = U S Vᵀ.
@@ -187,6 +189,7 @@ impl ReducedProblem {
         &self.basis * scaled
     }
 
+    /// Undetermined directions, unknowns × nullity, each of norm 1.
     fn null_space(&self) -> Mat<f64> {
         let mut directions = &self.basis * self.svd.v.get(.., self.rank..);
         for j in 0..directions.ncols() {
@@ -197,6 +200,7 @@ impl ReducedProblem {
     }
 }
 
+/// Factors that scale each column to norm 1; 1 for a column of zeros or of rounding errors.
 fn column_scale_factors(a: MatRef<'_, f64>) -> Vec<f64> {
     let norms: Vec<f64> = (0..a.ncols()).map(|j| a.col(j).norm_l2()).collect();
     let largest = norms.iter().copied().fold(0.0, f64::max);
@@ -220,6 +224,7 @@ fn free_basis(scale: &[f64], constraints: Option<MatRef<'_, f64>>) -> Mat<f64> {
     Mat::from_fn(n, n - fixed, |i, j| scale[i] * v[(i, fixed + j)])
 }
 
+/// Number of values above `threshold` times the first one.
 fn rank_of(descending_values: &[f64], threshold: f64) -> usize {
     let largest = descending_values.first().copied().unwrap_or(0.0);
     descending_values.iter().filter(|value| **value > threshold * largest).count()

@@ -4,9 +4,10 @@ use faer::Mat;
 
 use super::coverage;
 
-/// Probability that χ² is within its bounds if all sources are as declared.
+/// Probability that χ² is within its bounds, with equal tails, if all sources are as declared.
 const CHI2_BOUND_PROBABILITY: f64 = 0.998;
 
+/// χ² of residuals, compared with the χ² that the declared sources predict.
 #[derive(Debug, Clone, Copy)]
 pub struct Misfit {
     /// χ²: the sum of squares of the weighted residuals, not scaled.
@@ -16,10 +17,12 @@ pub struct Misfit {
     pub expected_chi2: f64,
     /// Effective degrees of freedom of χ².
     pub effective_dof: f64,
-    /// Factor by which the standard uncertainties of the sources in the residuals are multiplied.
+    /// Factor by which the standard uncertainties of the sources in the residuals are multiplied: √(χ²/expected χ²)
+    /// if χ² is above its bound or the sources are not declared, otherwise 1.
     pub uncertainty_factor: f64,
-    /// Whether χ² is above its upper bound, and whether it is below its lower bound.
+    /// Whether χ² is above its upper bound; `false` if the sources are not declared.
     pub is_above_bound: bool,
+    /// Whether χ² is below its lower bound; `false` if the sources are not declared.
     pub is_below_bound: bool,
 }
 

@@ -11,12 +11,13 @@ pub struct RigidFit {
     pub rotated_points_about_centroid: Vec<Vector3<f64>>,
     /// Points `to` less the transformed points `from`.
     pub deviations: Vec<Vector3<f64>>,
+    /// Inverse of the inertia matrix of `rotated_points_about_centroid`, each with mass 1; zero if it is singular.
     inverse_inertia: Matrix3<f64>,
 }
 
 impl RigidFit {
-    /// Fits by singular value decomposition of the covariance of the two sets, which have the same number of
-    /// points. If the points are on one line, the rotation about this line is not changed.
+    /// Fits by singular value decomposition of the covariance of the two sets, which have the same number of points.
+    /// If the points are on one line, the rotation about this line is arbitrary.
     pub fn new(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Self {
         let mean = |all: &[Vector3<f64>]| all.iter().sum::<Vector3<f64>>() / all.len().max(1) as f64;
         let (from_mean, to_mean) = (mean(from), mean(to));
@@ -34,7 +35,8 @@ impl RigidFit {
         Self { rotation, rotated_points_about_centroid: arms, deviations, inverse_inertia }
     }
 
-    /// Subtracts from small changes of the deviations the part that a small rigid motion explains.
+    /// Subtracts from small changes of the deviations, one per point, the part that a small translation and rotation
+    /// explains. If the inertia matrix is singular, only the translation is subtracted.
     pub fn subtract_rigid_motion(&self, changes: &mut [Vector3<f64>]) {
         let mean = changes.iter().sum::<Vector3<f64>>() / changes.len().max(1) as f64;
         let moment: Vector3<f64> =

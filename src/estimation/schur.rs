@@ -18,6 +18,7 @@ use super::linear_least_squares::{LinearError, RANK_THRESHOLD, RankAnalysis, ana
 #[derive(Debug, Clone)]
 pub struct BlockRows {
     own_unknown_count: usize,
+    /// Columns: own unknowns, common unknowns, right-hand side.
     columns: ColumnMatrix,
 }
 
@@ -41,8 +42,9 @@ impl BlockRows {
     }
 }
 
-/// Adds one damping row for each unknown, weight·unknown = 0 (Levenberg 1944). The damping rows of a block's own
-/// unknowns follow its rows. Those of the common unknowns are at the end.
+/// Adds one damping row for each unknown, weight·unknown = 0 (Levenberg 1944). `weights`: common unknowns first, then
+/// block after block. The damping rows of a block's own unknowns follow its rows; those of the common unknowns are
+/// one more block at the end.
 pub(super) fn add_damping_rows(mut blocks: Vec<BlockRows>, weights: &[f64]) -> Vec<BlockRows> {
     let common = weights.len() - blocks.iter().map(|rows| rows.own_unknown_count).sum::<usize>();
     let (of_common, mut weights) = weights.split_at(common);
@@ -74,6 +76,7 @@ pub struct BlockFactorisation {
 /// Factorisation of the rows that share own unknowns.
 #[derive(Debug, Clone)]
 struct FactorBlock {
+    /// Orthonormal columns of the own unknowns over the rows of this block.
     orthonormal_columns: ColumnMatrix,
     /// R of the own unknowns: own × own, upper triangle.
     own_triangle: Mat<f64>,
@@ -81,8 +84,8 @@ struct FactorBlock {
     coupling: Mat<f64>,
 }
 
-/// Factorises the rows of all blocks. Returns the factorisation and the coordinates of the right-hand side along
-/// the orthonormal columns. All blocks have the same common unknowns.
+/// Factorises the rows of all blocks. Returns the factorisation and the coordinates of the right-hand side along the
+/// orthonormal columns, those of the common unknowns first. All blocks have the same common unknowns.
 pub fn factorise_and_project_right_side(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
     let common = blocks.first().map_or(0, |rows| rows.columns.column_count() - rows.own_unknown_count - 1);
     let total = blocks.iter().map(|rows| rows.columns.row_count()).sum();
@@ -119,7 +122,8 @@ impl BlockFactorisation {
             + self.blocks.iter().map(|block| block.orthonormal_columns.column_count()).sum::<usize>()
     }
 
-    /// Computes the least-squares solution for the values `y` of all rows.
+    /// Computes the least-squares solution for the values `y` of all rows, divided by their standard uncertainties as
+    /// the rows are. The common unknowns come first; an unknown whose pivot in R is 0 is set to 0.
     pub fn solve(&self, y: &[f64]) -> Vec<f64> {
         self.unknowns_from_coordinates(&self.subtract_projections(&mut y.to_vec()))
     }
@@ -139,7 +143,7 @@ impl BlockFactorisation {
         self.solve(&extended)
     }
 
-    /// Part of `y` that the unknowns do not explain: (I − H)·y.
+    /// Part of `y` (values as for [`solve`](Self::solve)) that the unknowns do not explain: (I − H)·y.
     pub fn residuals(&self, y: &[f64]) -> Vec<f64> {
         let mut rest = y.to_vec();
         self.subtract_projections(&mut rest);
@@ -153,7 +157,7 @@ impl BlockFactorisation {
         (self.unknowns_from_coordinates(&coordinates), y)
     }
 
-    /// Computes Qᵀ·y and replaces `y` by its remainder.
+    /// Computes Qᵀ·y, the common unknowns first, and replaces `y` by its remainder.
     pub(super) fn subtract_projections(&self, y: &mut [f64]) -> Vec<f64> {
         let mut own = Vec::with_capacity(self.unknown_count());
         let mut rest = &mut *y;

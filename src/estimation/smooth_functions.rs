@@ -3,7 +3,7 @@
 
 use faer::{Mat, Side};
 
-/// Ratio to the largest eigenvalue below which a direction is omitted.
+/// Eigenvectors of the covariance whose eigenvalue is not above this ratio to the largest eigenvalue are omitted.
 const NEGLIGIBLE_EIGENVALUE_RATIO: f64 = 1e-9;
 
 /// Columns B such that B·(independent draws of unit variance) is f(x) − f(0) at `positions`, one entry per position. f
@@ -20,11 +20,13 @@ pub fn stationary_function_columns(positions: &[f64], sigma: f64, correlation_le
     covariance_factor_columns(positions, |u, v| sigma * sigma * bell(u - v))
 }
 
+/// exp(−d²/2ℓ²) of a distance d: 1 at d = 0, without the variance.
 fn squared_exponential(correlation_length: f64) -> impl Fn(f64) -> f64 {
     move |d| (-0.5 * (d / correlation_length).powi(2)).exp()
 }
 
-/// Columns B such that B·Bᵀ is the covariance of the values at `positions`.
+/// Columns B such that B·Bᵀ is the covariance of the values at `positions`; `covariance` gives it for two positions.
+/// Empty if the eigendecomposition fails.
 fn covariance_factor_columns(positions: &[f64], covariance: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
     let mut nodes = positions.to_vec();
     nodes.sort_by(f64::total_cmp);

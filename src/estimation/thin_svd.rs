@@ -77,6 +77,7 @@ fn orthogonalising_rotation(a: &Mat<f64>, p: usize, q: usize) -> Option<[f64; 2]
     Some([cosine, cosine * tangent])
 }
 
+/// Turns the columns `p` and `q`: p becomes cosine·p − sine·q, q becomes sine·p + cosine·q.
 fn rotate_columns(a: &mut Mat<f64>, p: usize, q: usize, [cosine, sine]: [f64; 2]) {
     for i in 0..a.nrows() {
         let (one, other) = (a[(i, p)], a[(i, q)]);

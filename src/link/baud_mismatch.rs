@@ -70,7 +70,8 @@ pub fn create_pty_at_baud(baud: u32) -> Result<Pty, LinkError> {
     Ok(Pty { device: inner.device, path: outer.path, client_side: None })
 }
 
-/// Forwards bytes until the device or the pty is closed. `client` is read only for the client's present baud rate.
+/// Forwards bytes between `outer`, the far side of the client's pty, and `device` until one of them is closed. `baud`
+/// is the rate of the device; `client` is read only for the client's present baud rate.
 async fn forward_bytes(
     mut outer: SerialStream,
     client: SerialStream,

@@ -33,12 +33,14 @@ type ReadResult = Result<(Instant, Arc<[u8]>), String>;
 pub struct ByteStreamHandle {
     stream: Arc<SharedStream>,
     incoming: broadcast::Receiver<ReadResult>,
+    /// Reason for the loss, once this handle has read it from the queue.
     loss_reason: Option<String>,
 }
 
 /// State that all handles of one stream share.
 pub(super) struct SharedStream {
     name: String,
+    /// Weak: only the owning task keeps the queue open. A further handle subscribes through this sender.
     read_sender: broadcast::WeakSender<ReadResult>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
     drain_requests: mpsc::UnboundedSender<oneshot::Sender<()>>,
@@ -93,6 +95,7 @@ impl ByteStreamHandle {
         Arc::downgrade(&self.stream)
     }
 
+    /// Lock that all handles of the stream share: held from a request to its reply.
     pub fn request_turn(&self) -> Arc<Mutex<RequestTurn>> {
         self.stream.request_turn.clone()
     }
@@ -105,8 +108,8 @@ impl ByteStreamHandle {
         self.stream.outgoing.send(bytes.to_vec()).map_err(|_| self.lost_error())
     }
 
-    /// Drops all bytes that have arrived but were not read, including bytes in the kernel's buffer. (Bytes that an
-    /// adapter holds back for its next packet are not visible.)
+    /// Drops all bytes that have arrived but that this handle has not read, including bytes in the kernel's buffer;
+    /// other handles keep them. (Bytes that an adapter holds back for its next packet are not visible.)
     ///
     /// # Errors
     /// The link is lost.
@@ -151,6 +154,7 @@ impl ByteStreamHandle {
     }
 }
 
+/// Sends each read with its time to all handles.
 struct ReadSink(broadcast::Sender<ReadResult>);
 
 impl ByteSink for ReadSink {

@@ -64,13 +64,16 @@ impl LinkProtocol {
 /// Capture file that is being written.
 #[derive(Clone)]
 pub struct CaptureWriter {
+    /// Zero of the times in the file.
     start_time: Instant,
     output: Arc<Mutex<CaptureOutput>>,
 }
 
 struct CaptureOutput {
     file: File,
+    /// Number of links so far; also the number of the newest link in the file. A reopened link keeps its number.
     link_count: u32,
+    /// First write error; after it nothing more is written. [`CaptureWriter::finish`] removes and returns it.
     first_error: Option<io::Error>,
 }
 
@@ -90,7 +93,8 @@ impl CaptureWriter {
         Ok(Self { start_time: Instant::now(), output: out })
     }
 
-    /// Writes the file to the disk, and checks that all lines were written. A write error does not stop the run.
+    /// Writes the file to the disk, and checks that all lines were written. A write error does not stop the run; it
+    /// is returned here, once.
     ///
     /// # Errors
     /// The first write error.
@@ -99,6 +103,7 @@ impl CaptureWriter {
         out.first_error.take().map_or_else(|| out.file.sync_all(), Err)
     }
 
+    /// Gives the next number to a new link. Nothing is written before the link is opened.
     pub(super) fn create_link_recorder(&self, name: &str, protocol: LinkProtocol) -> LinkRecorder {
         let mut out = self.output.lock().unwrap_or_else(PoisonError::into_inner);
         out.link_count += 1;
@@ -106,6 +111,7 @@ impl CaptureWriter {
         LinkRecorder { capture: self.clone(), link_number: out.link_count, opening_text }
     }
 
+    /// Writes one line with the present time; nothing after a write error.
     fn write_line(&self, link_number: u32, mark: char, text: impl fmt::Display) {
         let mut out = self.output.lock().unwrap_or_else(PoisonError::into_inner);
         if out.first_error.is_some() {
@@ -124,11 +130,12 @@ impl CaptureWriter {
 pub(super) struct LinkRecorder {
     capture: CaptureWriter,
     link_number: u32,
+    /// Content of the line `=`: keyword of the protocol and name of the link.
     opening_text: String,
 }
 
 impl LinkRecorder {
-    /// Wraps `stream`, so that its bytes are recorded.
+    /// Records the opening of the link, and wraps `stream` so that its bytes are recorded.
     pub(super) fn wrap_stream(&self, stream: BoxedStream) -> RecordedStream {
         self.record_opening();
         RecordedStream { stream, recorder: self.clone() }
@@ -138,6 +145,7 @@ impl LinkRecorder {
         self.capture.write_line(self.link_number, '=', &self.opening_text);
     }
 
+    /// Writes one line, `mark` being `>` (sent) or `<` (received); nothing for empty `bytes`.
     pub(super) fn record_bytes(&self, mark: char, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.capture.write_line(self.link_number, mark, bytes.escape_ascii());

@@ -51,6 +51,8 @@ pub enum LinkError {
     /// The computer at `address` refuses the connection.
     #[error("no server listens at {address}")]
     NotListening { address: String },
+    /// No name in `/dev/serial/by-id` matches `id`, and `available` lists all; or several match, and `available`
+    /// lists these.
     #[error("no unique serial port matches `{id}`; available: {}", join_or_none(available))]
     NoUniquePort { id: String, available: Vec<String> },
     #[error("{address} is in use by another program")]

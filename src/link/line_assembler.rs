@@ -1,6 +1,6 @@
 //! Assembles lines from bytes that arrive in any pieces. Unreadable bytes and endless lines are reported as noise.
 
-/// Maximum length of a line, bytes; a longer line counts as noise.
+/// Maximum length of a line including its ending, bytes; a longer line counts as noise.
 const MAX_LINE_BYTES: usize = 4096;
 
 /// Data that a peer has sent.
@@ -8,8 +8,8 @@ const MAX_LINE_BYTES: usize = 4096;
 pub enum LineEvent {
     /// One complete line without its line ending.
     Line(String),
-    /// Bytes that are not text: line noise, a wrong baud rate, a wrong device. The rest of the same line is
-    /// dropped.
+    /// A line with bytes that are not text (line noise, a wrong baud rate, a wrong device), or a line that is too
+    /// long. `bytes`: length of the line so far, valid bytes included; the rest of the line is dropped.
     Noise { bytes: usize },
 }
 
@@ -17,6 +17,7 @@ pub enum LineEvent {
 #[derive(Debug, Default)]
 pub(super) struct LineAssembler {
     partial_line: Vec<u8>,
+    /// Whether the rest of a line that was reported as noise is dropped.
     is_skipping_line: bool,
 }
 
@@ -38,6 +39,7 @@ impl LineAssembler {
         received
     }
 
+    /// The line, if it is complete, or noise; `None`: the line has no fault so far, but is incomplete.
     fn take_line_or_noise(&mut self, is_complete: bool) -> Option<LineEvent> {
         let text = match std::str::from_utf8(&self.partial_line) {
             Ok(text) => Some(text),
@@ -64,6 +66,7 @@ impl LineAssembler {
     }
 }
 
+/// Whether the character is a control character other than carriage return, line feed and tab.
 fn is_noise_character(character: char) -> bool {
     character.is_control() && !matches!(character, '\r' | '\n' | '\t')
 }

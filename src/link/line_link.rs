@@ -13,7 +13,8 @@ use super::boxed_stream::BoxedStream;
 use super::line_assembler::{LineAssembler, LineEvent};
 use super::stream_owner::{ByteSink, OwnerChannels, UrgentMessage, start_stream_owner_thread};
 
-/// Maximum number of received lines that wait to be read. A device that exceeds it is the wrong device.
+/// Maximum number of received lines that wait to be read. One more ends the link with an error: a device that sends
+/// so much is the wrong device.
 const MAX_QUEUED_LINES: usize = 4096;
 
 /// Handle of a link: receives lines, sends bytes.

@@ -136,7 +136,8 @@ impl LinkConfig {
         }
     }
 
-    /// Current address of the link: a serial port by name is resolved to its path.
+    /// Current address of the link: the name of [`Self::SerialId`] is resolved to the path of its port. In a replay,
+    /// the name itself is the path, because no port is opened.
     ///
     /// # Errors
     /// No port, or more than one port, matches the name.

@@ -57,13 +57,14 @@ impl LinkBackend {
         matches!(self, Self::Replayed(_))
     }
 
-    /// Records that the link is opened.
+    /// Records that the link is opened; does nothing unless the link is recorded.
     pub(super) fn record_opening(&self) {
         if let Self::Recorded(recorder) = self {
             recorder.record_opening();
         }
     }
 
+    /// Records `bytes` after `mark` (`>` sent, `<` received); does nothing unless the link is recorded.
     pub(super) fn record_bytes(&self, mark: char, bytes: &[u8]) {
         if let Self::Recorded(recorder) = self {
             recorder.record_bytes(mark, bytes);

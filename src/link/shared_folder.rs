@@ -14,7 +14,8 @@ use super::link_mode::{LinkBackend, LinkMode};
 pub struct SharedFolder {
     path: PathBuf,
     backend: LinkBackend,
-    /// Text of each file at the last read: a capture records changes only.
+    /// Text of each file at the last read, while a capture is recorded (`None`: the file was missing): only changes
+    /// are recorded.
     last_read_texts: Mutex<BTreeMap<String, Option<String>>>,
 }
 
@@ -52,7 +53,7 @@ impl SharedFolder {
         fs::rename(&temporary, self.file_path(name))
     }
 
-    /// Removes the file `name`, if it exists.
+    /// Removes the file `name`, if it exists. A capture does not record the removal, and a replay does nothing.
     ///
     /// # Errors
     /// The file cannot be removed.

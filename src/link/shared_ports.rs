@@ -64,7 +64,7 @@ impl SharedPorts {
     }
 }
 
-/// Key of a port, the same for all names of one port.
+/// Key of a port: the same for all names of one serial port with the same baud rate.
 fn port_key(address: &LinkAddress) -> String {
     match address {
         LinkAddress::Serial { path, baud } => {

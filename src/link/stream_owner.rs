@@ -39,6 +39,7 @@ pub(super) trait ByteSink: Send + 'static {
 
 pub(super) struct UrgentMessage {
     pub(super) bytes: Vec<u8>,
+    /// Whether everything non-urgent, queued now or later, is dropped. A partly written message is still completed.
     pub(super) drops_non_urgent: bool,
 }
 
@@ -122,6 +123,8 @@ impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
         Self { reader, writer, channels, sends_urgent_only: false, write_queue: VecDeque::new() }
     }
 
+    /// Transfers bytes until the handle is dropped, then sends what is queued; or until the link is lost, then
+    /// reports why.
     pub(super) async fn run(mut self) {
         let end = self.transfer_until_closed().await;
         let why = match end {

@@ -245,8 +245,8 @@ pub trait Method: Send + Sync {
     /// All settings, as the plan stores them.
     fn settings(&self) -> serde_json::Value;
 
-    /// The next stage after the `done` stages and their readings. With [`ObjectPositionSource::Nominal`] no readings are
-    /// needed: positions come from the nominal artefact of the plan.
+    /// The next stage after the `done` stages and their readings. With [`ObjectPositionSource::Nominal`] no readings
+    /// are needed: positions come from the nominal artefact of the plan.
     fn next_stage(
         &self,
         plan: &Plan,
@@ -263,8 +263,8 @@ pub trait Method: Send + Sync {
         Ok(Vec::new())
     }
 
-    /// Checks whether this method can use the priors of the plan as known values on this machine. It is
-    /// called before the first motion and before the identification. Most methods accept no priors.
+    /// Checks whether this method can use the priors of the plan as known values on this machine. The check is called
+    /// before the first motion and before the identification. Most methods accept only pre-travel maps of a probe.
     fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
         let prior = probe_map::priors_without_probe_maps(&plan.priors).next();
         prior.map_or(Ok(()), |prior| {

@@ -7,7 +7,7 @@ use crate::symbol_names::{
 };
 use machine::geometric_error_name;
 
-/// Suffixes of several methods: `EXC_range` is the range of the error motion EXC.
+/// Patterns of the part of a symbol after its first `_`: `EXC_range` is the range of the error motion EXC.
 const SUFFIX_NAMES: &[SymbolPattern] = &[
     main_result("range", "range over one revolution"),
     main_result("synchronous", "synchronous value (mean of all revolutions)"),
@@ -36,8 +36,8 @@ const COMMON_SYMBOLS: &[SymbolPattern] = &[
     setup_result("ball_*_z", "ball *: Z"),
 ];
 
-/// Name of `symbol` in an estimate or a figure of `method`. `None`: the symbol has no name here, because it is already
-/// plain text.
+/// Name of `symbol` in an estimate or a figure of `method`. `None`: no pattern matches, as for a symbol that is
+/// already plain text.
 pub fn named_symbol(method: &str, symbol: &str) -> Option<NamedSymbol> {
     if let Some((own, height_mm)) = symbol.split_once("@Z") {
         let NamedSymbol { name, group } = named_symbol(method, own)?;

@@ -13,6 +13,7 @@ use machine::record::sensor::Sensor;
 /// Maximum number of repeats of one step because of an outlier.
 const MAX_OUTLIER_REPEATS: usize = 2;
 
+/// Wrapper that measures outliers again after the last stage of `method`.
 pub(super) struct OutlierRepeater {
     pub method: Box<dyn Method>,
     /// The same method with the minimum number of Monte Carlo trials.
@@ -24,7 +25,7 @@ fn is_outlier_repeat(repeat_number: u32) -> bool {
 }
 
 /// Readings in which the last outlier repeat of each step, among those with numbers below `end_repeat`, replaces the
-/// earlier measurements of the step.
+/// earlier measurements of the step, with repeat number 0. Repeats after a stop are kept.
 fn readings_of_latest_repeats(readings: &[Reading], end_repeat: u32) -> Cow<'_, [Reading]> {
     if !readings.iter().any(|reading| is_outlier_repeat(reading.repeat)) {
         return Cow::Borrowed(readings);
@@ -52,6 +53,7 @@ fn is_part_of_measurement(label: &str, measurement_label: &str) -> bool {
     rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
+/// Measuring steps of the plan that belong to a candidate of the outlier.
 fn outlier_steps<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = &'p Step> {
     let labels: Vec<String> = outlier.candidates.iter().map(|one| one.label.clone()).collect();
     let steps = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
@@ -59,8 +61,9 @@ fn outlier_steps<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = 
 }
 
 impl OutlierRepeater {
-    /// The stage that repeats the suspect steps of the earliest stage with suspects. All of its steps are of one stage,
-    /// because the proof of a repeated stage uses the artefact position (`found`) of the original stage.
+    /// The stage that repeats the suspect steps of the earliest stage with suspects. All of its steps are of one
+    /// stage, because the proof of a repeated stage uses the artefact position (`found`) of the original stage.
+    /// `None`: no suspect step has repeats left, or the identification fails.
     fn outlier_repeat_stage(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
         // An error is reported when the run is identified.
         let estimate =

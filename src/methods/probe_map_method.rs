@@ -9,6 +9,8 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
+/// Wrapper that orients the spindle as the pre-travel map among the priors requires, and subtracts the pre-travel
+/// from the readings before the identification. Without such a map, steps and readings are unchanged.
 pub(super) struct ProbeMapMethod(pub Box<dyn Method>);
 
 impl Method for ProbeMapMethod {

@@ -17,6 +17,8 @@ pub fn with_prompts(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Meth
     Box::new(PromptedMethod { wrapped_method: method, prompt_texts: texts })
 }
 
+/// Wrapper that adds prompts of the machine file before the first stage of a method. The method gets plans without
+/// these prompts.
 pub(super) struct PromptedMethod {
     wrapped_method: Box<dyn Method>,
     prompt_texts: Vec<String>,

@@ -44,8 +44,8 @@ pub fn method_description(name: &str) -> Option<&'static MethodDescription> {
     METHOD_DESCRIPTIONS.iter().find(|method| method.name == name)
 }
 
-/// The method `name` with its settings, from the machine file or from a plan. It handles the prompts that a
-/// plan contains.
+/// The method `name` with its settings, from the machine file or from a plan. The method is wrapped: it handles the
+/// prompts that a plan contains, measures outliers again and applies a probe map among the priors.
 ///
 /// # Errors
 /// The method is unknown, or its settings are invalid (unknown keys, wrong types).

@@ -18,8 +18,9 @@ pub struct RevolutionGrid {
 }
 
 impl RevolutionGrid {
-    /// The whole travel as a range of multiples of 360°/`positions_per_revolution`. The revolutions start at zero or
-    /// end at zero if the limits of the axis allow it; otherwise the travel starts at the lower limit.
+    /// The whole travel with both leads, as an inclusive range of multiples of 360°/`positions_per_revolution`. The
+    /// revolutions start at zero or end at zero if the limits of the axis allow it; otherwise the travel starts at
+    /// the lower limit.
     ///
     /// # Errors
     /// The limits of the axis do not allow so many revolutions.
@@ -30,7 +31,7 @@ impl RevolutionGrid {
     ) -> Result<RangeInclusive<i64>, MethodRefusal> {
         let spec = plan.machine.axes.get(&axis).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let step_deg = 360.0 / self.positions_per_revolution as f64;
-        let [low, high] = spec.first_and_last_multiple_within_limits(step_deg);
+        let [low, high] = spec.first_and_last_multiplier_within_limits(step_deg);
         let (lead, positions) = (self.lead_positions_per_end as i64, self.positions_per_revolution as i64);
         let whole = positions * self.revolutions as i64;
         let starts = [-lead, -whole - lead, low];

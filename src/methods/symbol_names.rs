@@ -17,7 +17,8 @@ pub enum ResultGroup {
 /// Name of the symbols of one pattern.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SymbolPattern {
-    /// A symbol in which `*` stands for any text, such as the number of a ball.
+    /// A symbol in which the first `*` is replaced by any text that is not empty, such as the number of a ball.
+    /// Without `*`: the symbol itself.
     pub pattern: &'static str,
     /// Name of the symbol. `*` is replaced by the text that `*` stands for in the pattern.
     pub name: &'static str,

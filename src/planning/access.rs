@@ -60,7 +60,8 @@ pub struct BallMeasurementRequest<'a> {
     /// Positions of all rotary axes, and of S if the spindle must be oriented.
     pub rotary: &'a Position,
     pub touch_mode: BallTouchMode,
-    /// Number of touches: 5, or more for a check of form; fewer if some are not free, but at least 4.
+    /// Number of touches: 5, or more for a check of form; fewer if some are not free, but at least 4. Not used for
+    /// touches along given directions.
     pub touch_count: usize,
 }
 
@@ -164,8 +165,9 @@ impl TouchAccess {
         ball.radius_mm + self.stylus_ball_radius_mm
     }
 
-    /// Selects the requested number of free, well distributed touches of a ball: first the pole and the four sides, of
-    /// which at least three must be free, then others.
+    /// Selects the requested number of free, well distributed touches of a ball: first the pole, which must be free,
+    /// and the four sides, of which at least three must be free, then others. The order is by azimuth, with the pole
+    /// last.
     ///
     /// # Errors
     /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle.
@@ -238,6 +240,7 @@ impl TouchAccess {
         Ok(carried.map_or(Pose::identity(), |carried| carried.pose(&commands)))
     }
 
+    /// Checks that each rotary axis except S has a position, and that all rotary positions are within the travel.
     fn check_rotary_position(&self, rotary: &Position) -> Result<(), BallAccessError> {
         let turning = self.machine.axes.keys().filter(|axis| !axis.is_linear());
         for axis in turning.filter(|axis| **axis != Axis::S) {
@@ -257,8 +260,8 @@ impl TouchAccess {
         Ok(())
     }
 
-    /// Position of X, Y, Z and the rotary axes at which the stylus ball is at distance `distance_mm` from the ball's
-    /// centre along the normal.
+    /// Position of X, Y, Z and the rotary axes at which the centre of the stylus ball is at distance `distance_mm`
+    /// from the centre of the ball along `normal` (machine frame).
     pub(super) fn position_beside_ball(
         &self,
         ball: &Ball,
@@ -271,6 +274,8 @@ impl TouchAccess {
         self.surroundings.position_at_table_point(target, rotary)
     }
 
+    /// Checks that the whole touch is within the travel and that no obstacle is nearer than the minimum clearance
+    /// between its start and the expected contact.
     fn check_touch_is_free(
         &self,
         request: &BallMeasurementRequest<'_>,
@@ -311,7 +316,8 @@ fn unit_direction(azimuth_deg: f64, elevation_deg: f64) -> Vector3<f64> {
     Vector3::new(out * cos, out * sin, up)
 }
 
-/// Points spread evenly from the equator up to 75°: a spiral with the golden angle.
+/// Name, azimuth and elevation (degrees) of points spread evenly from the equator up to 75°: a spiral with the golden
+/// angle.
 fn spread_touch_directions() -> impl Iterator<Item = (String, f64, f64)> {
     let golden = 180.0 * (3.0 - 5.0_f64.sqrt());
     (0..SPREAD_TOUCH_CANDIDATE_COUNT).map(move |k| {
@@ -336,8 +342,8 @@ fn add_farthest_touches(contacts: &mut Vec<TouchDirection>, mut more: Vec<TouchD
     }
 }
 
-/// Standard deviation of the fitted centre in its worst direction, relative to that of one touch; centre and radius
-/// are fitted.
+/// Upper bound of the standard deviation of the fitted centre in its worst direction, relative to that of one touch;
+/// centre and radius are fitted.
 fn worst_centre_to_touch_sd_ratio(contacts: &[TouchDirection]) -> f64 {
     let rows = contacts.iter().map(|contact| contact.normal.push(1.0));
     let information: Matrix4<f64> = rows.map(|row| row * row.transpose()).sum();

@@ -72,15 +72,18 @@ struct BallApproachPath<'a> {
 }
 
 impl BallApproachPath<'_> {
+    /// Z command from which on the tool is `margin` clear of everything below it at `at`; never below the touch.
     fn clearance_z_above(&self, at: &Position, margin: f64) -> f64 {
         self.safe_heights.surroundings.clear_z_command_on_path(at, at, margin).max(self.highest_touch_z)
     }
 
+    /// Whether a rotary axis or S is not at the position of the touch.
     fn needs_rotary_move(&self, path: &MotionSequence) -> bool {
         let mut rotary = self.touch_start.iter().filter(|(axis, _)| !axis.is_linear());
         rotary.any(|(axis, value)| !path.is_at(axis, value))
     }
 
+    /// Raises Z to its upper end, then moves the rotary axes, the spindle, X and Y, and last Z down to `high`.
     fn move_via_top_z(&self, path: &mut MotionSequence, high: f64) {
         path.add_rapid(&z_position(self.safe_heights.top_z));
         path.add_rapids_across_and_down(self.touch_start, high);
@@ -97,7 +100,8 @@ impl BallApproachPath<'_> {
         Ok(())
     }
 
-    /// Moves the linear axes; the rotary axes are already in position.
+    /// Moves the linear axes; the rotary axes are already in position. Near the same ball the moves are guarded, to
+    /// another ball rapid.
     fn move_linear_axes(&self, path: &mut MotionSequence, high: f64) {
         let (surroundings, from) = (&self.safe_heights.surroundings, &path.end_position);
         let apart = surroundings.xy_distance_mm(from, self.touch_start);

@@ -14,7 +14,7 @@ pub struct MeasuredBall {
     pub axis_positions_at_centre: Position,
     /// Centre of the ball in the table frame of the nominal machine, mm.
     pub centre_in_table_mm: Vector3<f64>,
-    /// Covariance of X, Y, Z, mm², for a standard uncertainty of one touch of 1 mm: multiply by u².
+    /// Covariance of X, Y, Z, mm², for a standard uncertainty of one touch of 1 mm: multiply by u² (u in mm).
     pub axis_position_cofactor: Matrix3<f64>,
     /// Diameter of the ball: the stated stylus ball is subtracted. Pre-travel makes the value smaller.
     pub diameter_mm: f64,
@@ -26,7 +26,7 @@ pub struct MeasuredBall {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallLimits {
     pub max_form_mm: f64,
-    /// Maximum deviation from the stated diameter, in either direction.
+    /// Maximum deviation from the expected diameter, in either direction, including the pre-travel.
     pub max_diameter_deviation_mm: f64,
 }
 
@@ -82,14 +82,15 @@ pub fn evaluate_ball(
 }
 
 impl MeasuredBall {
-    /// Checks form and diameter. `expected_diameter_mm`: stated diameter, reduced by the pre-travel.
+    /// Checks form and diameter. `stated_diameter_mm`: stated diameter. The deviation from it includes the
+    /// pre-travel.
     ///
     /// # Errors
     /// The limit that is exceeded.
     pub fn check_form_and_diameter(
         &self,
         ball: &str,
-        expected_diameter_mm: f64,
+        stated_diameter_mm: f64,
         limits: &BallLimits,
     ) -> Result<(), BallCheckError> {
         let (form, limit) = (self.form_mm, limits.max_form_mm);
@@ -98,7 +99,7 @@ impl MeasuredBall {
             return Err(BallCheckError::FormTooLarge { ball, at, form, limit });
         }
         let (diameter, expected_diameter, limit) =
-            (self.diameter_mm, expected_diameter_mm, limits.max_diameter_deviation_mm);
+            (self.diameter_mm, stated_diameter_mm, limits.max_diameter_deviation_mm);
         if (diameter - expected_diameter).abs() <= limit {
             return Ok(());
         }

@@ -11,7 +11,7 @@ use machine::{Axis, Position};
 /// Times of the moves between places, s.
 #[derive(Debug, Clone)]
 pub struct TravelTimes {
-    /// Time from each place to each.
+    /// Time from each place (row) to each place (column).
     pub pairwise_s: Vec<Vec<f64>>,
     /// Time to each place from the position of the machine; `None`: the tour may begin at any place.
     pub from_start_s: Option<Vec<f64>>,
@@ -28,8 +28,8 @@ impl TravelTimes {
         Self { pairwise_s: places.iter().map(from).collect(), from_start_s: position.map(from) }
     }
 
-    /// Indices of the places in visiting order. With a start position, only the `first_candidate_count` places nearest
-    /// to the start are tried as first place.
+    /// Indices of the places in visiting order. With a start position, only the `first_candidate_count` places
+    /// nearest to the start are tried as first place; without, all places.
     pub fn visiting_order(&self, first_candidate_count: usize) -> Vec<usize> {
         let pairwise_s = &self.pairwise_s;
         let Some(from_start_s) = &self.from_start_s else {

@@ -82,7 +82,9 @@ pub fn plan_blocks_and_time_s_by_stage(
 #[derive(Default)]
 struct BlockSequence {
     blocks: Vec<MotionBlock>,
+    /// Machine time of the blocks.
     duration_s: f64,
+    /// Position after the last block; `None`: unknown.
     end_position: Option<Position>,
     touched_directions: TouchedDirections,
 }

@@ -8,7 +8,7 @@ use machine::{Axis, Position};
 /// Machine time by kind of motion, s.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MachineTime {
-    /// Touches: to contact and back.
+    /// Touches, only to the assumed contact at the middle of each touch, and the back-offs.
     pub touch_s: f64,
     /// Moves of X, Y, Z alone, without touches.
     pub linear_move_s: f64,
@@ -32,6 +32,7 @@ impl MachineTime {
         self.touch_s + self.linear_move_s + self.rotary_move_s + self.dwell_s
     }
 
+    /// Adds the times of the motions of `block`, and moves `position` to their end; a touch ends at its middle.
     fn add_block(&mut self, block: &MotionBlock, position: &mut Position, machine: &Machine) {
         for motion in &block.motions {
             let Some(to) = motion_target(motion) else {
@@ -70,10 +71,13 @@ pub fn machine_time_s(block: &MotionBlock, start_position: &Position, machine: &
     time.total_s()
 }
 
+/// Middle between `from` and `to` for the axes of `to`; an axis that `from` does not contain is at its end.
 fn midpoint(from: &Position, to: &Position) -> Position {
     to.iter().map(|(axis, end)| (axis, (from.get(axis).unwrap_or(end) + end) / 2.0)).collect()
 }
 
+/// Time of one straight motion from rest to rest, s. `feed_per_min`: mm/min, or degrees/min if only rotary axes move;
+/// `None`: rapid. An axis that `from` does not contain takes no time.
 pub(super) fn motion_time_s(from: &Position, to: &Position, feed_per_min: Option<f64>, machine: &Machine) -> f64 {
     let axis_distances: Vec<(Axis, f64)> = to
         .iter()

@@ -36,7 +36,7 @@ impl MotionSequence {
         self.add_motion(to, |to| Motion::Guarded { to, feed_mm_min });
     }
 
-    /// Empty path from `position`.
+    /// Empty path from `position`; `None`: every axis counts as not at its target.
     pub fn starting_at(position: Option<&Position>, near_part_feed_mm_min: f64) -> Self {
         Self { end_position: position.cloned().unwrap_or_default(), motions: Vec::new(), near_part_feed_mm_min }
     }
@@ -58,6 +58,7 @@ impl MotionSequence {
         }
     }
 
+    /// Whether the axis is at `value`, mm or rad, at the end of the motions; false if its position is unknown.
     pub fn is_at(&self, axis: Axis, value: f64) -> bool {
         self.end_position.get(axis).is_some_and(|at| (at - value).abs() <= EQUAL_POSITION_TOLERANCE_MM_OR_RAD)
     }

@@ -28,6 +28,7 @@ pub(super) enum ObstacleBody {
 }
 
 impl ObstacleBody {
+    /// A cylinder if the solid states a radius, otherwise a box.
     pub fn from_solid(solid: &Solid) -> Self {
         let (from, to) = (Vector3::from(solid.from_mm), Vector3::from(solid.to_mm));
         match solid.radius_mm {
@@ -43,6 +44,7 @@ impl ObstacleBody {
         Self::Box(x.into_iter().flat_map(plane).collect())
     }
 
+    /// The body rotated about the origin.
     pub fn rotated(&self, by: &Rotation3<f64>) -> Self {
         match self {
             Self::Box(corners) => Self::Box(corners.iter().map(|corner| *by * *corner).collect()),

@@ -17,9 +17,9 @@ use machine::frame::unit_vector;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
-/// Maximum angle of a path around the ball, rad; with a larger angle, the corner is so far out that a path over the
-/// ball is as short.
-const MAX_PATH_ANGLE_AROUND_BALL_RAD: f64 = 2.0 / 3.0 * PI;
+/// Maximum angle, at the centre of the ball, between the points where the two tangents of the path touch, rad; with a
+/// larger angle, the corner is so far out that a path over the ball is as short.
+const MAX_ANGLE_BETWEEN_TANGENT_POINTS_RAD: f64 = 2.0 / 3.0 * PI;
 /// Rounding tolerance of a position, mm.
 const POSITION_TOLERANCE_MM: f64 = 1e-3;
 
@@ -79,6 +79,8 @@ pub(super) fn block_end_beside_ball(
     free.then_some(end)
 }
 
+/// Position at which the stylus ball is displaced by `off` (machine directions, mm) from the centre of `ball`, with
+/// the rotary axes as in `rotary`. `None`: out of the travel of a linear axis.
 fn reachable_position_beside_ball(
     surroundings: &Surroundings,
     machine: &Machine,
@@ -103,11 +105,11 @@ fn tangent_corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3
         return Some(Vec::new());
     }
     let turn = Rotation3::from_axis_angle(&Unit::try_new(u.cross(&v), 0.0)?, to_tangent(here) + left / 2.0);
-    (left <= MAX_PATH_ANGLE_AROUND_BALL_RAD).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
+    (left <= MAX_ANGLE_BETWEEN_TANGENT_POINTS_RAD).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
 }
 
 impl Surroundings {
-    /// The ball nearest to the stylus ball.
+    /// The ball of the artefact with the smallest gap to the stylus ball at this position.
     fn nearest_ball(&self, at: &Position) -> Option<ArtefactBall> {
         let ball = |obstacle: &Obstacle| match obstacle.body {
             ObstacleBody::BallOrCylinder(BodyShape::Ball { centre, radius }) if obstacle.is_artefact_part => {

@@ -31,9 +31,9 @@ pub struct SafeHeights {
 }
 
 impl SafeHeights {
-    /// Height above the artefact of `plan` at all rotary positions of its steps, with a margin of 10 mm and the
-    /// declared uncertainty of its position. A solid that is too high for Z is ignored: the proof decides whether
-    /// the path leads past it.
+    /// Safe heights for `plan`. For a round part, at all rotary positions of the steps, with a margin of 10 mm and
+    /// the declared uncertainty of its position; for balls, each path has its own height. A solid that is too high
+    /// for Z is ignored: the proof decides whether the path leads past it.
     ///
     /// # Errors
     /// Z ends below that height, or moves down on a positive command; the machine has no kinematics.
@@ -67,12 +67,13 @@ impl SafeHeights {
         Ok(clearance)
     }
 
-    /// Safe height while the rotary axes move straight from `one` to `next`.
+    /// Safe height, as a Z command, mm, while the rotary axes move straight from `one` to `next`.
     pub(super) fn turning_clearance_z(&self, one: &Position, next: &Position) -> Result<f64, PlanningError> {
         let ways = interpolate_rotary_positions(one, next);
         self.clearance_z_over_poses([rotary_axis_positions(one)].into_iter().chain(ways))
     }
 
+    /// Largest Z command that one of the rotary positions `poses` requires; at least the lower end of Z.
     fn clearance_z_over_poses(&self, poses: impl IntoIterator<Item = Position>) -> Result<f64, PlanningError> {
         let max = self.top_z;
         let no_room = |needed| PlanningError::InsufficientZTravel { needed, max };

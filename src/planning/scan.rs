@@ -132,8 +132,9 @@ pub fn out_of_range_block_count(scan: &Scan, block_count: usize) -> usize {
     block_count.saturating_sub(remaining_block_count)
 }
 
-/// Lowest Z above the first point at which no declared body is within the range of a sensor. Also checks that no body
-/// is within range on the path to this point at the upper end of Z.
+/// Lowest Z above the first point at which no declared body is within the range of a sensor; at least
+/// [`SLOW_DESCENT_HEIGHT_MM`] above the point, at most the upper end of Z. Also checks that no body is within range
+/// on the path to this point at the upper end of Z.
 fn lowest_out_of_range_z(step: &Step, path: &MotionSequence, safe_heights: &SafeHeights) -> Result<f64, PlanningError> {
     let from = &step.from;
     let position = path.end_position.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
@@ -150,6 +151,7 @@ fn lowest_out_of_range_z(step: &Step, path: &MotionSequence, safe_heights: &Safe
     Ok(out_of_range(from)?.max(from.get_or_zero(Axis::Z) + SLOW_DESCENT_HEIGHT_MM).min(safe_heights.top_z))
 }
 
+/// Adds the rapids of an approach at a verified position, down to [`SLOW_DESCENT_HEIGHT_MM`] above the first point.
 fn plan_scan_approach(path: &mut MotionSequence, from: &Position, top_z: f64) {
     let z = from.get_or_zero(Axis::Z);
     let still = |(axis, value): (Axis, f64)| axis.is_linear() || path.is_at(axis, value);

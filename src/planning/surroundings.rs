@@ -17,15 +17,18 @@ use machine::record::plan::Plan;
 use machine::record::sensor::{Sensor, SensorMount};
 use machine::{Axis, Position};
 
-/// Clearance of the tool from everything that it does not touch, mm. Slightly more than the proof requires.
+/// Planned clearance of the tool from everything that it does not touch, during the touch of a ball and on paths
+/// around a ball, mm. Slightly more than the proof requires of guarded moves.
 pub(super) const MIN_TOOL_CLEARANCE_MM: f64 = 0.6;
 
-/// A body of the artefact, a solid or a keep-out box that the tool must pass.
+/// A body of the artefact, a solid or a keep-out box that the tool must pass. Solids on the tool side are not
+/// obstacles.
 #[derive(Debug, Clone)]
 pub(super) struct Obstacle {
     pub name: String,
     /// Index in the list of the obstacles' carriers.
     carrier_index: usize,
+    /// In the frame of its carrier, mm.
     pub body: ObstacleBody,
     pub is_artefact_part: bool,
     /// Maximum distance from the expected position, mm.
@@ -37,6 +40,7 @@ pub(super) struct Obstacle {
 pub(super) struct Surroundings {
     pub chain: KinematicChain,
     pub tip: Point<SpindleFrame>,
+    /// The stylus ball is always the first part.
     tool_parts: Vec<ToolPart>,
     /// Measuring range of each displacement sensor in the spindle, as a part of the tool.
     sensor_ranges: Vec<ToolPart>,
@@ -136,8 +140,8 @@ impl Surroundings {
     }
 
     /// Z command from which on the stylus ball is `margin` higher than everything that Z can pass over, with the
-    /// rotary axes as in `pose`, at any position of the other axes. `Err`: the artefact is higher than Z reaches;
-    /// the value is the required Z.
+    /// rotary axes as in `pose`, at any position of the other axes. Solids and keep-out boxes that are too high for Z
+    /// are ignored. `Err`: the artefact is higher than Z reaches; the value is the required Z.
     pub fn clear_z_command_everywhere(&self, pose: &Position, margin: f64) -> Result<f64, f64> {
         let (here, higher) = self.present_and_raised_positions(pose);
         let mut needed = f64::NEG_INFINITY;
@@ -155,8 +159,9 @@ impl Surroundings {
         Ok(needed)
     }
 
-    /// Z command from which on the tool is `margin` clear of everything that Z can pass over, on the straight path
-    /// in X and Y between two positions with the same rotary axes. Heights below `to` are not considered.
+    /// Z command from which on the tool is `margin` clear of everything that Z can pass over, on the straight path in
+    /// X and Y between two positions with the same rotary axes. Heights below `to` are not considered; −∞ if the tool
+    /// is clear there.
     pub fn clear_z_command_on_path(&self, from: &Position, to: &Position, margin: f64) -> f64 {
         let highest = self.highest_clear_z_command(&self.tool_parts, &self.obstacles, [from, to], margin, self.max_z);
         highest.map_or(f64::NEG_INFINITY, |(z, _)| z)

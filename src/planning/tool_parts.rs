@@ -28,6 +28,8 @@ pub(super) struct ToolPart {
     pub name: String,
     /// Whether the probe detects its contact: ball and stem of the stylus.
     pub is_contact_detected: bool,
+    /// Radius about the stylus ball's vertical line, mm; for a solid of the spindle, large enough for every
+    /// orientation of S.
     radius: f64,
     /// Height of the lower end relative to the centre of the stylus ball, mm.
     bottom_height_mm: f64,
@@ -48,6 +50,7 @@ impl ToolPart {
         lowest < body.top_z() + margin && xy_gap_mm(path_ends, body) < self.radius + margin
     }
 
+    /// Whether the part is `margin` clear of the body on the path; false if this cannot be proven.
     pub fn is_clear(&self, path_ends: [Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> bool {
         !self.may_collide(&path_ends, body, margin) || are_apart_by(&self.swept_space(path_ends, 0.0), body, margin)
     }

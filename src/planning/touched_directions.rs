@@ -23,6 +23,7 @@ pub struct BlockStart<'a> {
 /// stops when a touch meets nothing or any other move meets something. By default, there is no direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct TouchedDirections {
+    /// Sum of n·nᵀ over the unit normals n of the touches; the identity if all directions count as touched.
     normal_dyad_sum: Matrix3<f64>,
 }
 

@@ -141,6 +141,8 @@ impl<'a> UnverifiedPositionApproach<'a> {
         ranges.map(|range| max_stoppable_feed_mm_min(self.plan, range)).fold(feed, f64::min)
     }
 
+    /// Adds a move that contact stops if the approach is guarded; a move shorter than [`SHORTEST_PROBED_LENGTH_MM`]
+    /// is then a feed move at the search feed.
     fn move_straight(&self, path: &mut MotionSequence, to: &Position, feed_mm_min: f64) {
         let way = |(axis, to): (Axis, f64)| path.end_position.get(axis).map(|at| (to - at).powi(2));
         let length = to.iter().map(way).sum::<Option<f64>>().map(f64::sqrt);
@@ -183,9 +185,9 @@ pub(super) fn are_step_sensors_on_table(plan: &Plan, step: &Step) -> bool {
     !step.sensors.is_empty() && step.sensors.iter().all(is_on_table)
 }
 
-/// Maximum feed of linear axes while the ball is in a nest of sensors on the table or moves there, mm/min: a hold
-/// at the near end of a range stops the ball before it meets the body of the sensor. Where `stand_off_mm` leaves
-/// less than a quarter of the range, the ball stops within that quarter.
+/// Maximum feed of linear axes while the ball is in a nest of sensors on the table or moves there, mm/min: a hold at
+/// the near end of a range stops the ball before it meets the body of the sensor. Where `stand_off_mm` leaves less
+/// than a quarter of the range, the ball stops within that quarter. Never above the search feed.
 pub(super) fn max_nest_feed_mm_min(plan: &Plan) -> f64 {
     let on_table = plan.sensors.iter().filter(|sensor| sensor.mount == SensorMount::Table);
     let within = on_table.map(|sensor| {
@@ -196,12 +198,14 @@ pub(super) fn max_nest_feed_mm_min(plan: &Plan) -> f64 {
     within.map(|mm| max_stoppable_feed_mm_min(plan, mm)).fold(search_feed_before_first_touch_mm_min(plan), f64::min)
 }
 
-/// Feed near the part until a touch has shown that the probe works.
+/// Feed near the part until a touch has shown that the probe works, mm/min: the smaller of search feed and guarded
+/// feed.
 pub(super) fn search_feed_before_first_touch_mm_min(plan: &Plan) -> f64 {
     plan.probe.guarded_feed_mm_min.min(plan.probe.search_feed_mm_min)
 }
 
-/// Feed of moves near the part.
+/// Feed of moves near the part, mm/min: the guarded feed after any touch; before the first touch, not above the
+/// search feed.
 pub(super) fn near_part_feed_mm_min(plan: &Plan, touched: TouchedDirections) -> f64 {
     match touched.has_any_direction() {
         true => plan.probe.guarded_feed_mm_min,

@@ -27,6 +27,8 @@ pub fn budget_value(parameters: &[Parameter], rows: &[ResultRow], is_in_table: i
     }
 }
 
+/// Row of a parameter: its contribution to the standard uncertainty u from each of `sources`, empty without one, and
+/// u.
 fn budget_row(parameter: &Parameter, row: &ResultRow, sources: &[&BudgetLine]) -> Value {
     let decimals = number::decimals_for_uncertainty(parameter.u);
     let share = |source: &&BudgetLine| {
@@ -40,7 +42,8 @@ fn budget_row(parameter: &Parameter, row: &ResultRow, sources: &[&BudgetLine]) -
     }
 }
 
-/// Evaluation of the sources: a row per property, a column per source.
+/// Evaluation of the sources, each by the first parameter that has the source: a row per property, a column per
+/// source.
 fn evaluation_rows(sources: &[&BudgetLine]) -> Vec<Value> {
     let row = |name: &str, text: &dyn Fn(&BudgetLine) -> String| {
         let texts: Vec<String> = sources.iter().map(|line| text(line)).collect();

@@ -16,34 +16,40 @@ const COLUMNS: [&str; 6] = ["quantity", "value", "U", "unit", "stated", "remark"
 /// One quantity. A number that is missing is an empty text.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SheetRow {
-    /// e.g. `X of C`, or a symbol.
+    /// e.g. `X of C`, or the symbol of an error.
     pub quantity: String,
+    /// Measured value.
     pub value: String,
+    /// Expanded uncertainty U of the value.
     pub expanded: String,
     pub unit: &'static str,
-    /// The value that the machine file states.
+    /// The value that the machine file states; empty for an error.
     #[serde(rename = "stated")]
     pub stated_in_machine_file: String,
-    /// Why the quantity is not determined.
+    /// Why the quantity is not determined, and the remedy; empty if it is determined.
     #[serde(rename = "remark")]
     pub not_determined_reason: String,
 }
 
+/// Measured errors of one run, for a person who enters them into a control or a CAM system.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CorrectionSheet {
+    /// Number of the run.
     pub run: String,
     pub method: String,
     pub machine: String,
     pub topology: String,
+    /// Local time at which the run started.
     pub measured_at: String,
     pub is_simulated: bool,
     pub estimate_sha256: String,
-    /// Positions of the rotary axes.
+    /// Positions of the rotary axes that carry the table, one row per axis and direction across the axis.
     pub positions: Vec<SheetRow>,
     /// Point for which the positions are valid, in words.
     pub reference_point: Option<String>,
     /// Tilts, squareness and scales.
     pub others: Vec<SheetRow>,
+    /// Warnings of the estimate.
     pub warnings: Vec<String>,
 }
 

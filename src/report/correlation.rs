@@ -20,8 +20,10 @@ const MAX_PARAMETERS_WITH_CORRELATIONS: usize = 60;
 
 /// Correlation coefficient of two parameters.
 struct CorrelatedPair {
+    /// Index of the first parameter in the covariance.
     first: usize,
     second: usize,
+    /// Correlation coefficient, −1 to 1.
     coefficient: f64,
 }
 

@@ -12,6 +12,7 @@ use methods::symbol_names::ResultGroup;
 pub struct PreviousRun {
     /// Number and time of that run.
     pub title: String,
+    /// This run minus the previous run.
     pub differences: Vec<ParameterDifference>,
     /// Sources of uncertainty with the same value in both runs. Their effects cancel in the differences.
     pub common_sources: Vec<String>,

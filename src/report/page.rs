@@ -37,12 +37,13 @@ pub struct ReportFacts {
     pub control: String,
     /// Whether the certificate of the artefact had expired when the run started.
     pub is_certificate_expired: bool,
-    /// Warnings in addition to those of the estimate.
+    /// Warning that the certificate of the artefact had expired; in addition to the warnings of the estimate.
     pub certificate_warnings: Vec<String>,
     /// Time and text of stops, faults and acknowledgements.
     pub events_with_times: Vec<(String, String)>,
-    /// Signatures of the result; `None` if it cannot be signed.
+    /// Signatures of the result; `None` if it cannot be signed, empty if it is not signed yet.
     pub signatures: Option<Vec<String>>,
+    /// Each sample of a scan counts.
     pub reading_count: usize,
     /// Temperatures of each thermometer.
     pub temperature_rows: NameTextRows,

@@ -49,11 +49,15 @@ pub fn residual_figure_values(figures: &[ResidualFigure]) -> Vec<Value> {
 
 /// Residual of one measurement.
 struct MeasurementResidual {
+    /// Measured minus modelled value, outward along a touch; for a point, the length of the difference.
     residual_um: f64,
+    /// Whether the measurement is a possible outlier that no repeated measurement has replaced.
     is_outlier_candidate: bool,
+    /// Mean time of the readings of the measurement, s; `None`: unknown.
     t_s: Option<f64>,
 }
 
+/// Residuals of an estimate, and the readings of its run.
 struct RunResiduals<'a> {
     readings: &'a [Reading],
     /// Measurements with a finite residual.
@@ -61,6 +65,7 @@ struct RunResiduals<'a> {
 }
 
 impl<'a> RunResiduals<'a> {
+    /// `None`: fewer than [`MIN_MEASUREMENTS_PER_FIGURE`] measurements have a residual.
     fn new(readings: &'a [Reading], estimate: &Estimate) -> Option<Self> {
         let unresolved = estimate.outliers.iter().filter(|outlier| !outlier.is_replaced());
         let candidates: BTreeSet<&str> =

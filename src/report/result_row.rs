@@ -11,8 +11,8 @@ use methods::symbol_names::{NamedSymbol, ResultGroup};
 /// Maximum number of results in large type.
 const MAX_HEADLINE_RESULTS: usize = 6;
 
-/// A parameter with its texts. Numbers have the decimals that give U two significant digits (GUM 7.2.6), a true minus
-/// sign and the unit of the estimate.
+/// A parameter with its texts. Value, u, U and interval have the decimals that give U two significant digits (GUM
+/// 7.2.6), a true minus sign and the unit of the estimate; a dash if the parameter is not identifiable.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ResultRow {
     /// Symbol as in the estimate, such as `EX0C`.
@@ -28,16 +28,20 @@ pub struct ResultRow {
     pub group: ResultGroup,
     pub identifiable: bool,
     pub value: String,
+    /// Standard uncertainty.
     pub u: String,
+    /// Expanded uncertainty U = k·u.
     pub expanded: String,
+    /// Coverage factor.
     pub k: String,
-    /// Effective degrees of freedom.
+    /// Effective degrees of freedom of u; `> 1000` and `∞` are possible.
     pub dof: String,
-    /// Shortest Monte Carlo interval.
+    /// Shortest Monte Carlo interval with the coverage probability of k, as `a to b`.
     pub interval: Option<String>,
     pub unit: &'static str,
     /// Limit of |value|, with sign and without unit: `±10`.
     pub limit: Option<String>,
+    /// `None`: no limit applies.
     pub verdict: Option<Verdict>,
     /// Word for the verdict, such as `PASS`, `FAIL` or `UNDECIDED (model)`.
     pub verdict_word: Option<&'static str>,
@@ -122,6 +126,7 @@ impl ResultRow {
         self.verdict.is_some_and(|verdict| verdict != Verdict::Pass)
     }
 
+    /// 0 is the worst verdict, 4 no verdict.
     fn severity(&self) -> u8 {
         match self.verdict {
             Some(Verdict::Fail) => 0,
@@ -138,8 +143,9 @@ pub fn result_rows(context: RunContext<'_>, parameters: &[Parameter]) -> Vec<Res
     parameters.iter().map(|parameter| ResultRow::new(context, parameter)).collect()
 }
 
-/// Rows for an overview: the results with a limit, worst first, then those of the group [`ResultGroup::Main`] in the
-/// order of the estimate, which begins with the main results of the method.
+/// Rows for an overview: the results with a limit, worst first (by verdict, then by |value| divided by the limit),
+/// then those of the group [`ResultGroup::Main`] in the order of the estimate, which begins with the main results of
+/// the method.
 fn overview_rows_worst_first(rows: &[ResultRow]) -> Vec<&ResultRow> {
     let is_listed = |row: &&ResultRow| row.verdict.is_some() || (row.group == ResultGroup::Main && row.identifiable);
     let mut listed: Vec<&ResultRow> = rows.iter().filter(is_listed).collect();
@@ -155,7 +161,8 @@ pub fn rows_not_passed(rows: &[ResultRow]) -> Vec<&ResultRow> {
     overview_rows_worst_first(rows).into_iter().filter(|row| row.has_not_passed()).collect()
 }
 
-/// Rows in large type: those with a limit, worst first, or the main results if there is no limit.
+/// Rows in large type: those with a limit, worst first, or the main results if there is no limit; at most
+/// [`MAX_HEADLINE_RESULTS`].
 pub fn headline_rows(rows: &[ResultRow]) -> Vec<&ResultRow> {
     let is_judged = rows.iter().any(|row| row.verdict.is_some());
     let worst = overview_rows_worst_first(rows).into_iter().filter(|row| row.verdict.is_some() == is_judged);

@@ -9,7 +9,7 @@ use machine::record::reading::Reading;
 
 /// Decimals of a temperature in °C; thermometers at machines are not more accurate.
 const TEMPERATURE_DECIMALS: usize = 2;
-/// Maximum number of points of a curve.
+/// Maximum number of points of a curve, apart from its last point, which is always kept.
 const MAX_CURVE_POINTS: usize = 200;
 
 /// One row per thermometer with a value.
@@ -38,6 +38,7 @@ struct TimedTemperature {
     celsius: f64,
 }
 
+/// Temperatures of each thermometer in the order of the readings; a scan counts once.
 fn values_by_thermometer(readings: &[Reading]) -> BTreeMap<&str, Vec<TimedTemperature>> {
     let mut by_thermometer = BTreeMap::<&str, Vec<TimedTemperature>>::new();
     // All samples of a scan have the temperature of the scan.

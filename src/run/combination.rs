@@ -17,6 +17,7 @@ pub enum CombinationError {
     Refused(#[from] CombinationRefusal),
     #[error("run {run} cannot be identified again: {error}")]
     NotIdentifiedAgain { run: RunId, error: IdentificationError },
+    /// The run is not finished, or has no estimate of its own readings.
     #[error("run {0} is not finished")]
     NotFinished(RunId),
     #[error("run {run}, of the method {method}, has an estimate of other inputs or of another version of this program")]
@@ -50,8 +51,11 @@ impl CombinationError {
 /// A stored run with its own estimate, its machine file and the effects of its sources.
 struct IdentifiedRun {
     stored: StoredRun,
+    /// Last stored estimate of the readings of this run alone.
     estimate: Estimate,
+    /// Machine file with which the run was measured.
     machine: MachineFile,
+    /// From the repeated identification, because the journal does not contain them.
     source_effects: Vec<SourceEffect>,
 }
 
@@ -120,7 +124,8 @@ fn identify_again(stored: StoredRun) -> Result<IdentifiedRun, CombinationError> 
 /// Largest difference of values and covariances that counts as rounding, in standard uncertainties.
 const SAME_RESULT_TOLERANCE_STD_U: f64 = 1e-6;
 
-/// Whether two estimates have the same values and the same covariance.
+/// Whether two estimates have the same values and the same covariance, apart from rounding
+/// ([`SAME_RESULT_TOLERANCE_STD_U`]). Functions are not compared.
 fn is_same_result(one: &Estimate, other: &Estimate) -> bool {
     let (a, b) = (&one.covariance, &other.covariance);
     let value = |estimate: &Estimate, symbol: &str| {

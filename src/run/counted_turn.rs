@@ -13,7 +13,8 @@ use machine::{Axis, Position};
 const MAX_COUNTED_TURN_DEVIATION_DEG: f64 = 0.05;
 /// Maximum time between the acquisition of a sample and its arrival.
 const MAX_SAMPLE_ARRIVAL_DELAY_S: f64 = 0.1;
-/// Minimum ratio of a jump to the median step between two samples.
+/// Minimum ratio of a jump to the median step between two samples. A jump is also longer than the maximum speed
+/// allows.
 const MIN_JUMP_TO_MEDIAN_STEP_RATIO: f64 = 20.0;
 
 /// One turn of the axis with the encoder counts in the samples of one sensor.
@@ -23,7 +24,7 @@ pub(super) struct CountedTurn<'a> {
     pub rest_positions_before_and_after: [&'a Position; 2],
     /// Sample at rest before the turn.
     pub sample_before_turn: Sample,
-    /// Maximum speed of the axis.
+    /// Maximum speed of the axis: the feed of the step.
     pub max_speed_deg_s: f64,
 }
 
@@ -32,6 +33,7 @@ pub(super) struct CountedTurn<'a> {
 pub enum EncoderCountFault {
     #[error("the count of the encoder stayed at {count} while {axis} turned by {turned_deg:.3}°")]
     Stuck { axis: Axis, count: u32, turned_deg: f64 },
+    /// `turned_deg`: between the positions at rest; `counts_per_turn`: as declared in the machine file.
     #[error(
         "{axis} turned by {counted_deg:.3}° according to the encoder, but by {turned_deg:.3}° according to \
         the control: a ratio of {:.4}", counted_deg / turned_deg
@@ -73,7 +75,8 @@ impl EncoderCountFault {
     }
 }
 
-/// Angle by which the axis turned between two consecutive samples, rad; `None` if one of them has no count.
+/// Signed angle by which the axis turned between two samples, by the shorter way of the counter, rad; `None` if one
+/// of them has no count.
 pub(super) fn rotation_between_samples_rad(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<f64> {
     counts_between(scale, from, to).map(|counts| counts_to_rad(scale, counts))
 }

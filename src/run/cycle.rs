@@ -24,6 +24,7 @@ pub enum CycleError {
     /// All readings are measured and stored.
     #[error("{why}")]
     NotIdentified { run: RunId, why: IdentificationError },
+    /// The run could not be added to the journal. The run has not begun.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The probe lacks the qualification that the run requires. The run has not begun.

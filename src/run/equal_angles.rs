@@ -22,6 +22,7 @@ pub(super) fn axis_and_angles_per_revolution(scan: &Scan) -> Option<(Axis, usize
 pub(super) struct ResampledTurn {
     /// Samples from the first angle with a value to the last; an angle without a value has [`ReadingFlag::Gap`].
     pub samples_with_positions: Vec<(Sample, Position)>,
+    /// Ranges of angles in which the sensor has no valid value.
     angle_gaps: Vec<AngleRange>,
 }
 

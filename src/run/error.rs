@@ -12,6 +12,7 @@ use planning::PlanningError;
 use planning::gcode::RenderError;
 use planning::proof::ProofRefusal;
 
+/// Error that ends a run early. Only two of these errors close the run ([`RunError::closes_run`]).
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     #[error(transparent)]

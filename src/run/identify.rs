@@ -61,7 +61,8 @@ impl IdentificationError {
     }
 }
 
-/// Identifies and judges the run; a stop ends the wait at once.
+/// Identifies and judges the run on a separate thread. A stop ends the wait within [`HALT_POLL_PERIOD`], but not the
+/// computation, whose result is dropped.
 pub(super) async fn identify_and_judge_until_halted(
     method: &Arc<dyn Method>,
     plan: Plan,

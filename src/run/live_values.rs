@@ -69,9 +69,13 @@ pub(super) fn live_values_with_artefact_position(
     LiveValues { sensors, sections: sections.iter().map(numbered).collect(), tilt_urad }
 }
 
+/// Position of one cross section, machine frame.
 struct SectionEccentricity {
+    /// From 1.
     section_number: usize,
+    /// Height of the cross section.
     z_mm: f64,
+    /// From the axis to the centre of the section, X and Y. `None`: the sensors do not determine it.
     eccentricity_mm: Option<[f64; 2]>,
 }
 
@@ -99,6 +103,7 @@ fn section_eccentricities(watched_sensors: &[WatchedSensor], sensors: &[LiveSens
 
 /// Deviation at one radial sensor.
 struct RadialDeviation {
+    /// Direction from the axis to the sensor, counter-clockwise from +X.
     sensor_angle_rad: f64,
     /// Target minus value, mm: the eccentricity's component towards the sensor.
     target_minus_value_mm: f64,
@@ -117,7 +122,8 @@ fn least_squares_eccentricity_mm(deviations: &[RadialDeviation]) -> Option<[f64;
     Some((inverse * right).into())
 }
 
-/// Tilt from two sections, µrad. `None`: not two sections, or one without an eccentricity.
+/// Slope of the line through the centres of the two sections against Z, along X and Y, µrad. `None`: not two
+/// sections, or one without an eccentricity.
 fn tilt_of_two_sections_urad(sections: &[SectionEccentricity]) -> Option<[f64; 2]> {
     let [low, high] = sections else { return None };
     let (from, to) = (low.eccentricity_mm?, high.eccentricity_mm?);

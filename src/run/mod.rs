@@ -76,6 +76,7 @@ pub struct Run<'a> {
     pub journal: &'a Journal,
     /// Plan so far; each stage adds its steps.
     pub plan: Plan,
+    /// All readings so far, also those before an interruption.
     pub readings: Vec<Reading>,
     /// Whether any block was sent that moves the machine.
     pub has_moved: bool,
@@ -85,6 +86,7 @@ pub struct Run<'a> {
     confirmed_directions: TouchedDirections,
     /// How the control receives blocks; valid after it was prepared.
     transmission: TransmissionForm,
+    /// Converts the time of the control to the clock of the run, which continues after an interruption.
     timeline: Timeline,
     /// Open sensors of the plan.
     open_sensors: Vec<OpenSensor>,
@@ -93,6 +95,8 @@ pub struct Run<'a> {
     /// Answered prompts as (step id, repeat number).
     answered_prompt_steps_and_repeats: Vec<(u32, u32)>,
     temperature_log: TemperatureLog,
+    /// Rehearsed stages that have not begun. They give the remaining machine time only; the method states what is
+    /// measured next.
     remaining_stages: RemainingStages,
     /// Whether the operator, a touch or a sensor has shown since the last preparation that the probe works.
     is_probe_confirmed: bool,
@@ -147,7 +151,8 @@ impl<'a> Run<'a> {
         self.record_end(ended).await
     }
 
-    /// Journals the end of the run.
+    /// Journals the end of the run. A complete measurement gets the state `not identified`, until its estimate is
+    /// stored.
     async fn record_end(&mut self, run_result: Result<(), RunError>) -> Result<(), RunError> {
         match run_result {
             Ok(()) => {
@@ -166,6 +171,8 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// Measures a new run. The run is rehearsed and all checks without motion are made before the control is
+    /// prepared.
     async fn rehearse_and_measure(&mut self) -> Result<(), RunError> {
         let steps = self.rehearse().await?;
         self.check_positions_available_in_motion(&steps)?;
@@ -179,7 +186,8 @@ impl<'a> Run<'a> {
         self.run_stages(Vec::new(), Some(position)).await
     }
 
-    /// Rehearses the run from nominal positions: stores the remaining stages and returns their steps.
+    /// Rehearses the run from nominal positions: keeps the rehearsed stages in `remaining_stages` and returns all
+    /// steps.
     async fn rehearse(&mut self) -> Result<Vec<Step>, RunError> {
         let (remaining, steps) = stage::rehearse_stages(self.method, &self.plan, &self.devices.dialect).await?;
         self.remaining_stages = remaining;
@@ -239,6 +247,7 @@ impl<'a> Run<'a> {
         self.record_messages(messages).await
     }
 
+    /// Next stage by the method, from the readings so far.
     fn next_stage(&self, done: &[Stage]) -> Result<NextStage, RunError> {
         Ok(self.method.next_stage(&self.plan, done, ObjectPositionSource::Measured(&self.readings))?)
     }

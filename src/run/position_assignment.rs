@@ -9,6 +9,7 @@ use machine::record::axis_track::AxisTrack;
 pub(super) const REST_TOLERANCE_MM_OR_RAD: f64 = 0.002;
 /// Maximum ratio of the sensor's rate to the planned rate at which no sample is left out.
 const MAX_UNTHINNED_RATE_RATIO: f64 = 1.02;
+/// Number of samples of a group whose rate is one value of the median.
 const RATE_WINDOW_SAMPLES: usize = 50;
 /// Maximum distance from a path point, mm or rad, at which the reported path counts as having reached the point: the
 /// axes lag behind their commands and stop at the points.
@@ -26,7 +27,7 @@ pub(super) fn reason_for_uncovered_path(track: &AxisTrack, path: &[Position]) ->
 #[derive(Debug, Default)]
 pub(super) struct PositionedSamples {
     pub samples: Vec<(Sample, Position)>,
-    /// Number of samples taken in motion at a time without a position from the control.
+    /// Number of samples taken in motion, and not left out by rate, at a time without a position from the control.
     pub without_position_count: usize,
     /// Number of samples left out because the sensor is faster than the planned rate.
     pub dropped_by_rate_count: usize,
@@ -63,8 +64,8 @@ pub(super) fn limit_sample_rate(samples: &[(Sample, Option<Position>)], rate_hz:
     placed
 }
 
-/// Share of `samples` that is kept. Sample times have jitter, and a counter that wraps reports far too many
-/// missing samples. The rate is therefore the median over groups of [`RATE_WINDOW_SAMPLES`] samples.
+/// Share of `samples` that is kept, at most 1. Sample times have jitter, and a counter that wraps reports far too
+/// many missing samples. The rate is therefore the median over groups of [`RATE_WINDOW_SAMPLES`] samples.
 fn kept_share(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> f64 {
     let own_hz = |window: &[(Sample, Option<Position>)]| {
         let ((first, _), rest) = window.split_first()?;

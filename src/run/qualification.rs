@@ -15,6 +15,7 @@ use methods::identification::probe_map::PROBE_QUALIFICATION_METHOD_NAME;
 pub enum QualificationError {
     #[error("[probe] qualified_within_days requires a qualification of the probe, but the journal contains none")]
     Missing,
+    /// `days`: time since the start of the qualification run.
     #[error("the qualification of the probe is {days:.1} days old; the limit is qualified_within_days = {most}")]
     Expired { days: f64, most: f64 },
     #[error(
@@ -52,8 +53,8 @@ impl QualificationError {
     }
 }
 
-/// Adds the newest qualification of the machine's probe to the priors of the plan, if the machine file requires
-/// one.
+/// Adds the newest qualification of the machine's probe to the priors of the plan, if the machine file requires one
+/// and the method uses one. Qualifications that are already among the priors are checked in any case.
 ///
 /// # Errors
 /// There is no qualification, it belongs to another probe, it is too old, the method does not accept it, or the

@@ -3,6 +3,7 @@
 /// Rehearsed stages that the run has not begun.
 #[derive(Debug, Default)]
 pub(super) struct RemainingStages {
+    /// In the order of the rehearsal.
     stages: Vec<RehearsedStage>,
 }
 

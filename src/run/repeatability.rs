@@ -19,6 +19,7 @@ use methods::decision::repeatability::{Repeatability, Repetition};
 pub enum RepetitionKind {
     /// Passes of the complete cycle within one run.
     Passes,
+    /// Separate runs of one method on one machine.
     Runs,
 }
 
@@ -27,6 +28,7 @@ pub enum RepetitionKind {
 pub struct RepeatabilityTable {
     pub method: String,
     pub machine: String,
+    /// One run if its passes are compared.
     pub runs: Vec<RunId>,
     pub repeated: RepetitionKind,
     pub parameters: Vec<Repeatability>,
@@ -71,7 +73,10 @@ impl RepeatabilityError {
 
 /// Parameters of one repetition, with its mean time and temperatures.
 struct RepetitionResult {
+    /// Mean time of the readings, s: on the clock of the run for passes, since the start of the first listed run for
+    /// runs.
     mean_time_s: f64,
+    /// Mean temperature of each thermometer.
     mean_temperatures_c: Temperatures,
     parameters: Vec<Parameter>,
 }
@@ -96,6 +101,7 @@ pub fn repeatability_of_runs(journal: &Journal, runs: &[RunId]) -> Result<Repeat
     })
 }
 
+/// Own estimate of each run. All runs must have the method, machine, settings, probe and artefact of the first.
 fn results_of_runs(runs: &[StoredRun]) -> Result<Vec<RepetitionResult>, RepeatabilityError> {
     let mut results = Vec::new();
     for (index, run) in runs.iter().enumerate() {
@@ -122,6 +128,7 @@ fn results_of_runs(runs: &[StoredRun]) -> Result<Vec<RepetitionResult>, Repeatab
     Ok(results)
 }
 
+/// Result of each complete pass, identified alone, with the steps that are measured once before the passes.
 fn results_of_passes(run: &StoredRun) -> Result<Vec<RepetitionResult>, RepeatabilityError> {
     let has_passes =
         methods::method_description(&run.plan.method).is_some_and(|description| description.has_cycle_passes);
@@ -180,6 +187,7 @@ impl RepetitionResult {
         Self { mean_time_s: time_origin_s + mean_time_s, mean_temperatures_c: temperatures.into(), parameters }
     }
 
+    /// The parameter, if it is identifiable and value and u are finite.
     fn parameter(&self, symbol: &str, unit: Unit) -> Option<&Parameter> {
         let is_known = |one: &&Parameter| one.identifiable && one.value.is_finite() && one.u.is_finite();
         self.parameters.iter().filter(is_known).find(|one| one.symbol == symbol && one.unit == unit)

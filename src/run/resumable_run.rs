@@ -24,7 +24,7 @@ pub struct ResumableRun {
     answered_prompt_steps_and_repeats: Vec<(u32, u32)>,
     /// Mountings of the artefact that the answered prompts confirm.
     confirmed_mountings: Vec<ArtefactMount>,
-    /// Wall time since the last reading, s.
+    /// Wall time since the last reading, s; without a reading, since the end of the run.
     time_since_last_reading_s: f64,
 }
 

@@ -23,7 +23,7 @@ pub struct InterruptedRun {
     pub time_since_last_reading_s: f64,
 }
 
-/// Whether a run can be resumed after a stop: its references were measured.
+/// Whether a run can be resumed after a stop: its references were measured in all reference directions.
 pub fn can_resume(plan: &Plan, readings: &[Reading]) -> bool {
     ReferencePoints::from_readings(plan, readings).covers_all_reference_directions()
 }

@@ -74,7 +74,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Executes a block for each point and takes `samples_per_point` samples of each sensor there.
+    /// Executes a block for each point and takes `samples_per_point` samples of each sensor there. `is_ball_in_nest`:
+    /// as in [`Run::range_entry_conditions`].
     async fn run_dwells(
         &mut self,
         step: &Step,
@@ -128,6 +129,7 @@ impl Run<'_> {
     }
 }
 
+/// Reading of a sample, without temperatures: these are added when the reading is stored.
 pub(super) fn to_reading(step: &Step, repeat_number: u32, sampled: PositionedSample<'_>) -> Reading {
     let PositionedSample { sensor, sample, time_in_run_s: t_s, position } = sampled;
     Reading {

@@ -31,6 +31,7 @@ const MAX_STANDSTILL_POLLS: usize = 100;
 
 /// An executed scan in motion.
 struct ExecutedScanInMotion {
+    /// Positions of the axes over time as the control reported them, if it records them.
     track: Option<AxisTrack>,
     /// Positions that the control reports at rest before and after the scan, if encoder counts give the
     /// positions.
@@ -43,6 +44,7 @@ struct SensorChannel {
     sensor: String,
     /// Scale of the encoder whose counts give the positions, and the sample at rest before the scan.
     encoder_and_rest_sample: Option<(EncoderScale, Sample)>,
+    /// Received during the motion, in order.
     samples: Vec<Sample>,
 }
 
@@ -73,7 +75,8 @@ impl Run<'_> {
         (turned.abs() > REST_TOLERANCE_MM_OR_RAD).then_some(scale)
     }
 
-    /// Samples from the first point to the last, each with the position at which it was taken.
+    /// Executes the scan. Returns the samples from the first point to the last, each with the position at which it
+    /// was taken, or resampled at equal angles if the plan requests equal angles.
     pub(super) async fn run_scan_in_motion(
         &mut self,
         step: &Step,
@@ -228,6 +231,7 @@ impl Run<'_> {
 }
 
 impl ExecutedScanInMotion {
+    /// Positions of the samples: from the encoder counts if the channel has them, otherwise from the track.
     fn assign_positions(
         &self,
         channel: &SensorChannel,
@@ -263,7 +267,7 @@ impl SensorChannel {
         self.samples.extend(std::iter::from_fn(|| receiver.try_recv().ok()));
     }
 
-    /// Whether the counts of `samples`, two or more, are nearly equal.
+    /// Whether the counts of `samples`, two or more, are nearly equal. True for a sensor without counts.
     fn is_at_rest(&self, samples: &[Sample]) -> bool {
         let Some((scale, _)) = self.encoder_and_rest_sample else { return true };
         match samples {

@@ -21,6 +21,7 @@ use planning::{
 /// The blocks of a step with their data: `B` is [`MotionBlock`] as planned, [`ProvenBlock`] as proven.
 struct StepBlocks<B> {
     step: Step,
+    /// In the order of execution.
     blocks: Vec<B>,
     /// Machine time from the start of this step to the end of the stage, s.
     time_to_stage_end_s: f64,
@@ -28,13 +29,14 @@ struct StepBlocks<B> {
     end_position: Position,
 }
 
-/// Maximum number of motions in a block. The window of a resident program takes 20 rows at once
+/// Maximum number of motions in a block of a touch. The window of a resident program takes 20 rows at once
 /// (docs/resident-program.md).
 const MAX_BLOCK_MOTIONS: usize = 16;
 
 /// State of the machine at the start of a stage.
 #[derive(Clone)]
 struct StageStart {
+    /// `None`: unknown.
     position: Option<Position>,
     confirmed_directions: TouchedDirections,
 }
@@ -106,6 +108,7 @@ impl Run<'_> {
         }
     }
 
+    /// Executes the blocks of a touch. Returns one reading: the contact in the last block.
     async fn run_touch(
         &mut self,
         step: &Step,
@@ -149,7 +152,7 @@ pub async fn rehearse(method: &dyn Method, plan: &Plan, dialect: &Dialect) -> Re
 /// Result of the rehearsal of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RehearsalResult {
-    /// Machine time of all stages, s.
+    /// Machine time of all rehearsed stages, s; without waits for the operator and without repeated measurements.
     pub machine_time_s: f64,
     /// Whether the run contains a prompt to the operator.
     pub has_prompts: bool,

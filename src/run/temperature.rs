@@ -8,11 +8,13 @@ use crate::setup::Thermometers;
 use devices::sensors::thermometer::ThermometerPoller;
 use machine::record::reading::Temperatures;
 
+/// Poller of the thermometers, and counts since the run began or was resumed.
 #[derive(Default)]
 pub(super) struct TemperatureLog {
     poller: Option<ThermometerPoller>,
+    /// Number of touches and scans; a scan counts once.
     reading_count: u32,
-    /// Number of readings of the run without a temperature, for each thermometer.
+    /// Number of touches and scans without a temperature, for each thermometer that has missed one.
     reading_counts_without_temperature: BTreeMap<String, u32>,
 }
 
@@ -50,7 +52,8 @@ impl TemperatureLog {
 }
 
 impl Run<'_> {
-    /// Temperatures for the newest reading: a touch, or all samples of a scan.
+    /// Temperatures for the newest reading: a touch, or all samples of a scan. Counts this reading, and reports a
+    /// thermometer that misses a reading for the first time.
     pub(super) async fn temperatures_c(&mut self) -> Result<Temperatures, RunError> {
         let (temperatures, messages) = self.temperature_log.count_reading_and_get_temperatures();
         self.record_messages(messages).await?;

@@ -4,10 +4,11 @@ use machine::{Axis, Position};
 
 /// Step of the position display of a control that rounds, mm or degrees.
 const CONTROL_DISPLAY_STEP_MM_OR_DEG: f64 = 1e-3;
-/// Maximum distance to a multiple of the display step, in display steps: the error of binary rounding.
+/// Maximum distance of a displayed value from a multiple of the display step, in display steps: the error of binary
+/// rounding. A value that is farther off has more decimals than the display, and is not a rounded command.
 const ROUNDING_TOLERANCE_DISPLAY_STEPS: f64 = 1e-6;
-/// Maximum difference from the commanded position, in steps: half a step plus the rounding of the written
-/// command.
+/// Maximum difference of a displayed value from the commanded one, in display steps: half a step plus the rounding of
+/// the written command.
 const MAX_COMMAND_DIFFERENCE_DISPLAY_STEPS: f64 = 0.56;
 
 /// The position `displayed` by the control. If the value of an axis is the rounded command, the command replaces it,

@@ -19,15 +19,18 @@ use planning::proof::ProvenBlock;
 /// Whether a sample allows the motion to continue.
 pub(super) type SampleCondition = Box<dyn Fn(&Sample) -> bool + Send>;
 
-/// Accepts a distance, or an out-of-range sample as on the path to the first point.
+/// Rejects saturated and stale samples only: an out-of-range sample is accepted, as on the path to the first point.
 pub(super) fn has_signal(sample: &Sample) -> bool {
     !matches!(sample.flag, ReadingFlag::Saturated | ReadingFlag::Stale)
 }
 
+/// Whether the sensor works and reports no distance: no surface is within its range, or there is no echo (flag
+/// `Range`).
 pub(super) fn is_out_of_range(sample: &Sample) -> bool {
     sample.flag == ReadingFlag::Range
 }
 
+/// Whether the sample is a valid distance, also if samples before it are missing (flag `Gap`).
 pub(super) fn is_distance(sample: &Sample) -> bool {
     matches!(sample.flag, ReadingFlag::None | ReadingFlag::Gap)
 }
@@ -35,8 +38,8 @@ pub(super) fn is_distance(sample: &Sample) -> bool {
 /// Share of the range, at each of its ends, where noise may make a distance appear and disappear.
 const RANGE_EDGE_SHARE: f64 = 0.1;
 
-/// Condition while a ball enters the range of a sensor: any sample but a failure until the distance is well
-/// within the range, afterwards distances alone.
+/// Condition while a ball enters the range of a sensor: any sample but a saturated or stale one until a distance is
+/// in the inner 80 % of the range, afterwards distances alone.
 pub(super) fn range_entry_condition(range_mm: [f64; 2]) -> SampleCondition {
     let [least, greatest] = range_mm;
     let edge = RANGE_EDGE_SHARE * (greatest - least);
@@ -50,7 +53,8 @@ pub(super) fn range_entry_condition(range_mm: [f64; 2]) -> SampleCondition {
 }
 
 impl Run<'_> {
-    /// Opens the sensors of the plan and checks, before any motion, that they respond.
+    /// Opens the sensors of the plan and checks, before any motion, that they respond. Their identities are recorded
+    /// as events of the run. The sensors replace the probe, so the check of the probe counts as done.
     pub(super) async fn open_plan_sensors(&mut self) -> Result<(), RunError> {
         self.open_sensors.clear();
         for wanted in self.plan.sensors.clone() {
@@ -65,16 +69,16 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Sensors of `step` on one of `mounts`.
+    /// Sensors of `step` on one of `mounts`, in the order of the plan.
     pub(super) fn step_sensors_on(&self, step: &Step, mounts: &[SensorMount]) -> Vec<machine::record::sensor::Sensor> {
         let sensors = self.plan.sensors.iter();
         let wanted = sensors.filter(|s| mounts.contains(&s.mount) && step.sensors.contains(&s.name));
         wanted.cloned().collect()
     }
 
-    /// Conditions for the sensors of `step` during the motion to the first point. A sensor on the table
-    /// measures the ball in the spindle, which is between the sensors during the whole motion (`is_ball_in_nest`) or
-    /// enters their range.
+    /// Conditions for the sensors of `step` during the motion to the first point, in the order of `step.sensors`. A
+    /// sensor on the table measures the ball in the spindle, which is between the sensors during the whole motion
+    /// (`is_ball_in_nest`) or enters their range.
     pub(super) fn range_entry_conditions(&self, step: &Step, is_ball_in_nest: bool) -> Vec<SampleCondition> {
         let on_table = self.step_sensors_on(step, &[SensorMount::Table]);
         let condition = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
@@ -90,6 +94,7 @@ impl Run<'_> {
         named.ok_or_else(|| sensor_error(name)(SensorError::UnknownSensor { name: name.to_owned() }))
     }
 
+    /// Open sensors of `step`, in the order of `step.sensors`.
     fn step_sensors(&self, step: &Step) -> Result<Vec<&OpenSensor>, RunError> {
         step.sensors.iter().map(|name| self.find_open_sensor(name)).collect()
     }
@@ -107,7 +112,8 @@ impl Run<'_> {
         self.end_watch(step, executed).await
     }
 
-    /// Starts watching the sensors of `step`, until [`Run::end_watch`].
+    /// Starts watching the sensors of `step`, until [`Run::end_watch`]; `sample_conditions` has the order of
+    /// `step.sensors`. A sensor that sends only on request is not watched.
     pub(super) async fn begin_watch(
         &self,
         step: &Step,
@@ -122,7 +128,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Outcome of the executed block, if each sensor reported accepted samples only.
+    /// Ends the watch. Returns the outcome of the executed block if each sensor reported accepted samples only.
     pub(super) async fn end_watch(
         &self,
         step: &Step,
@@ -154,8 +160,9 @@ impl Run<'_> {
         seen.inspect_err(|_| self.devices.open_controller.halt_handle().trigger())
     }
 
-    /// Takes `count` samples of each sensor of `step` at the same time, with the machine at rest. The machine
-    /// is held if a sensor fails.
+    /// Takes `count` samples of each sensor of `step` at the same time, with the machine at rest; one list for each
+    /// sensor, in the order of `step.sensors`. The machine is held if a sensor fails, sends fewer samples or none
+    /// with a distance.
     pub(super) async fn take_samples_at_rest(&self, step: &Step, count: u32) -> Result<Vec<Vec<Sample>>, RunError> {
         let sensors = self.step_sensors(step)?;
         let taken = try_join_all(sensors.iter().map(|sensor| take_samples(step, sensor, count))).await;
@@ -163,6 +170,7 @@ impl Run<'_> {
     }
 }
 
+/// Ends the watch of one sensor; an error if a sample was rejected.
 async fn end_sensor_watch(step: &Step, sensor: &OpenSensor) -> Result<(), RunError> {
     match sensor.end_watch().await.map_err(sensor_error(sensor.name()))? {
         Some(sample) => Err(sample_error(step, sensor.name(), Some(&sample))),
@@ -170,6 +178,7 @@ async fn end_sensor_watch(step: &Step, sensor: &OpenSensor) -> Result<(), RunErr
     }
 }
 
+/// Takes `count` samples; an error if the sensor sends fewer, or if none of them is a distance.
 async fn take_samples(step: &Step, sensor: &OpenSensor, count: u32) -> Result<Vec<Sample>, RunError> {
     let name = sensor.name();
     let samples = sensor.read_samples(count).await.map_err(sensor_error(name))?;
@@ -180,7 +189,7 @@ async fn take_samples(step: &Step, sensor: &OpenSensor, count: u32) -> Result<Ve
     }
 }
 
-/// The error for a sample with an unexpected flag or distance.
+/// Error for a rejected or missing sample: `UnexpectedBodyInRange` if it has a distance, otherwise `NoValidSample`.
 fn sample_error(step: &Step, sensor: &str, sample: Option<&Sample>) -> RunError {
     let (step, sensor) = (step.id, sensor.to_owned());
     if let Some(value_mm) = sample.and_then(|sample| sample.value_mm) {

@@ -11,19 +11,21 @@ use link::{CaptureWriter, LinkMode};
 /// the file is `talk-begun.capture`. If that file is left over from a cycle that never became a run, the next
 /// name is `talk-begun-2.capture`.
 #[derive(Clone)]
-pub(super) struct CaptureFileNamer {
+pub(super) struct CaptureFiles {
+    /// Path as given by `--capture`; no file of exactly this name is created.
     configured_file: PathBuf,
 }
 
 /// The capture of one cycle.
 pub(super) struct RunCapture<'a> {
-    capture_files: &'a CaptureFileNamer,
+    capture_files: &'a CaptureFiles,
+    /// Path at creation, without the number of the run.
     file: PathBuf,
     capture: CaptureWriter,
     log: &'a Log,
 }
 
-impl CaptureFileNamer {
+impl CaptureFiles {
     pub(super) fn new(configured_file: PathBuf) -> Self {
         Self { configured_file }
     }
@@ -45,7 +47,7 @@ impl CaptureFileNamer {
         None
     }
 
-    /// Removes the capture of `run`. Returns whether a file was removed.
+    /// Removes the capture file of `run`. Returns whether a file was removed; `false` also after an error.
     pub(super) fn delete_capture_file(&self, run: RunId) -> bool {
         std::fs::remove_file(self.path_for(&run.to_string())).is_ok()
     }
@@ -103,7 +105,7 @@ mod tests {
     #[test]
     fn existing_capture_is_kept_and_the_next_has_another_name() {
         let folder = tempfile::tempdir().unwrap();
-        let captures = CaptureFileNamer::new(folder.path().join("talk.capture"));
+        let captures = CaptureFiles::new(folder.path().join("talk.capture"));
         let left = ["talk-begun.capture", "talk-begun-2.capture"];
         for name in left {
             std::fs::write(folder.path().join(name), name).unwrap();

@@ -27,30 +27,35 @@ pub(super) struct CommandGateState {
     pub(super) machine_state: MachineState,
     /// Halt handle of the run in progress.
     halt_handle: Option<HaltHandle>,
+    /// Hold (or end of the service) that is requested since the last accepted start or resume; it also takes effect
+    /// on devices that open later.
     is_hold_requested: bool,
-    /// Whether an accepted command is not finished yet.
+    /// Whether an accepted command (start, resume, acknowledgement or compensation) is not finished yet.
     is_command_in_progress: bool,
     /// The answered prompt and the name of the person who answered, until the run reads them.
     prompt_answer: Option<(OpenPrompt, String)>,
-    /// Result of the rehearsal of each cycle at the start of the service, by cycle number. A rehearsal plans and proves the
-    /// whole run without motion.
+    /// Result of the rehearsal of each cycle at the start of the service, by cycle number. A rehearsal plans and
+    /// proves the whole run without motion.
     rehearsal_results_by_cycle: BTreeMap<u16, RehearsalResult>,
     /// Time at which the last cycle ended.
     last_cycle_end_time: Option<Instant>,
-    /// Why the register of artefacts permits no run.
+    /// Why the register of artefacts permits no run; `None`: it permits runs.
     pub(super) artefact_failure: Option<String>,
     pub(super) readiness_sources: Vec<ReadinessSource>,
+    /// Channel to the scheduler; `None` before the scheduler starts.
     pub(super) due_request_sender: Option<Sender<StartDueCycleRequest>>,
 }
 
+/// Handle of the gate of one machine; all clones share one state.
 #[derive(Clone)]
 pub struct CommandGate {
     gate_state: Arc<Mutex<CommandGateState>>,
     pub(super) heartbeat: Arc<Mutex<Heartbeat>>,
+    /// Channel of the accepted commands to the worker.
     command_sender: mpsc::Sender<WorkerCommand>,
     pub(super) config: Arc<ServeConfig>,
     log: Log,
-    /// Counter of the changes of the machine state.
+    /// Counter of the changes of the machine state; it wakes the subscribers.
     change_counter: Arc<watch::Sender<u64>>,
     /// Serialises the queries of the newest runs, so that an older result never replaces a newer one.
     newest_runs_query_lock: Arc<Mutex<()>>,
@@ -131,11 +136,13 @@ impl CommandGate {
         Ok(())
     }
 
-    /// Resumes the held run on behalf of a person. After an accepted command, the service state is `Running`.
-    /// `interlocks`: state of the inputs that the machine or a person reports.
+    /// Resumes the held run on behalf of a person. After an accepted command, the service state is `Running`; the
+    /// receiver gets the worker's decision about the report. `interlocks`: state of the inputs that the machine or a
+    /// person reports.
     ///
     /// # Errors
-    /// The machine is not held, or the service is busy; the refusal is also in the machine state and in the log.
+    /// The machine is not held, an interlock prevents the start, or the service is busy; the refusal is also in the
+    /// machine state and in the log.
     pub fn resume_run(
         &self,
         run: RunId,
@@ -185,6 +192,8 @@ impl CommandGate {
         Ok(inner)
     }
 
+    /// Checks all conditions of a start except whether another command is in progress, which [`Self::send_command`]
+    /// checks. Returns the first refusal.
     fn check_start_conditions(
         &self,
         inner: &CommandGateState,
@@ -222,7 +231,8 @@ impl CommandGate {
         self.log.info(&format!("request refused: {what}: {why}"));
     }
 
-    /// Acknowledges the held or failed state: a person has inspected the machine. The held run stays as it is.
+    /// Requests the acknowledgement of the held or failed state: a person has inspected the machine. The worker
+    /// decides; the receiver gets its result. The held run stays unfinished.
     ///
     /// # Errors
     /// There is nothing to acknowledge; the refusal is also in the machine state and in the log.
@@ -238,7 +248,8 @@ impl CommandGate {
         Ok(answer)
     }
 
-    /// Stores the results of the rehearsals. A cycle with prompts does not start without a person at the machine.
+    /// Stores the results of the rehearsals by cycle number. A cycle with prompts does not start without a person at
+    /// the machine.
     pub(super) fn set_rehearsal_results(&self, cycles: BTreeMap<u16, RehearsalResult>) {
         self.lock_state().rehearsal_results_by_cycle = cycles;
     }
@@ -297,7 +308,7 @@ impl CommandGate {
         HoldEffect::RunHeld
     }
 
-    /// Ends the service: holds the machine as [`Self::hold_machine`] does, and accepts no further start.
+    /// Ends the service: holds a run in progress or about to begin, and accepts no further command.
     pub(super) fn shut_down(&self) {
         let mut inner = self.lock_state();
         inner.is_hold_requested = true;
@@ -327,11 +338,14 @@ impl CommandGate {
         }
     }
 
+    /// Changes the machine state and notifies the subscribers.
     pub(super) fn update_machine_state(&self, change: impl FnOnce(&mut MachineState)) {
         change(&mut self.lock_state().machine_state);
         self.notify_change();
     }
 
+    /// Ends the command in progress, a start or a resume: records the end in the machine state, drops the halt handle
+    /// and an unread answer, and begins the minimum pause between two cycles.
     pub(super) fn record_cycle_end(&self, end: CycleEnd<'_>) {
         let mut inner = self.lock_state();
         (inner.halt_handle, inner.prompt_answer) = (None, None);

@@ -10,10 +10,13 @@ use crate::compensation::{CompensationError, MachineCompensation};
 use crate::store::{Journal, MachineLock};
 
 impl CommandGate {
-    /// Writes or restores values of the control, as a person decided. `what`: name of the command in the log.
+    /// Lets the worker read, write or restore values of the control, as a person requested; `decide` is the work, and
+    /// the receiver gets its result. `what`: name of the command in the log. `target`: key of `[compensation]`, if
+    /// there are several.
     ///
     /// # Errors
-    /// The machine does not wait for a start; the refusal is also in the machine state and in the log.
+    /// The machine does not wait for a start, or a command is in progress; the refusal is also in the machine state and
+    /// in the log.
     pub fn compensate<T: Send + 'static>(
         &self,
         what: &str,
@@ -29,7 +32,8 @@ impl CommandGate {
 }
 
 impl MachineWorker {
-    /// Blocks the worker's thread, which has no other task while the machine waits for a start.
+    /// Executes the job while the worker's thread waits: it has no other task while the machine waits for a start.
+    /// The command ends before the result is sent.
     pub(super) fn execute_compensation(&self, job: CompensationJob, journal: &Journal) {
         let mut send_result = None;
         if let Some(lock) = &self.machine_lock {

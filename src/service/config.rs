@@ -13,7 +13,8 @@ use link::{HostPort, LinkConfig, LinkKeys};
 /// Highest cycle number; the lowest is 1. The Modbus map has one start coil for each cycle.
 pub const MAX_CYCLES: u16 = 8;
 
-/// A condition that the machine must report before an external start of a cycle.
+/// Condition of an external start. The machine reports it; if no report is fresh, a person who starts at the page
+/// confirms it instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StartInterlock {
@@ -25,13 +26,14 @@ pub enum StartInterlock {
     Door,
 }
 
+/// A cycle that may be started from outside, `[[serve.cycle]]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CycleConfig {
     /// Number by which the cycle is started, from 1.
     pub number: u16,
     pub method: String,
-    /// Number of passes, as `--repeat`; `None`: as without `--repeat`.
+    /// Number of passes, as `--repeat`; `None`: as the settings of the method in the machine file state it.
     pub repeat: Option<u32>,
 }
 
@@ -41,9 +43,10 @@ pub struct CycleConfig {
 pub struct ModbusServerConfig {
     /// Address and port of this computer to listen on.
     pub listen: SocketAddr,
+    /// Permits an unspecified address in `listen`, that is, every network interface of this computer.
     #[serde(default)]
     pub any_interface: bool,
-    /// Addresses of the clients that may connect.
+    /// Addresses of the clients that may connect; at least one.
     pub allow: Vec<IpAddr>,
     /// Maximum time between two changes of the control's `alive` register, s. After that, the inputs of the control
     /// count as stale.
@@ -51,12 +54,15 @@ pub struct ModbusServerConfig {
     pub fresh_s: f64,
 }
 
+/// Keys of `[http]` or `[serve.http]`, before validation.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct HttpKeys {
     listen: SocketAddr,
+    /// Host names of the proxy in front of the page; permitted only with `tokens = true`.
     #[serde(rename = "names", default)]
     proxy_names: Vec<String>,
+    /// Whether every client must present a token.
     #[serde(default)]
     tokens: bool,
 }
@@ -68,6 +74,7 @@ pub struct HttpConfig {
     /// Address and port to listen on; a loopback address only.
     pub listen: SocketAddr,
     /// Host names under which a proxy on this computer receives requests, with the port unless it is the default.
+    /// Empty: no proxy.
     pub proxy_names: Vec<String>,
     /// Whether every client must present a token.
     pub requires_tokens: bool,
@@ -116,6 +123,7 @@ impl TryFrom<LineKeys> for LineInterfaceConfig {
     }
 }
 
+/// Keys of `[serve]`, before validation.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ServeKeys {
@@ -124,9 +132,9 @@ struct ServeKeys {
     /// Maximum time between two events of a run, s; after that, the run counts as hung.
     #[serde(rename = "patience_s")]
     event_timeout_s: Option<f64>,
-    /// Time for which a verdict stays valid, h.
+    /// Time from the end of a run for which its verdict stays valid, h; after that, the result is outdated.
     verdict_h: Option<f64>,
-    /// Conditions of an external start.
+    /// Conditions of an external start; without the key all of [`StartInterlock`].
     demand: Option<Vec<StartInterlock>>,
     cycle: Vec<CycleConfig>,
     modbus: Option<ModbusServerConfig>,
@@ -144,13 +152,15 @@ pub struct ServeConfig {
     pub min_pause_between_cycles: Duration,
     /// Maximum time between two events of a run; after that, the run counts as hung.
     pub max_event_interval: Duration,
-    /// Time for which a verdict stays valid.
+    /// Time from the end of a run for which its verdict stays valid; after that, the result is outdated.
     pub verdict_validity: Duration,
     /// Conditions of an external start; always contains [`StartInterlock::Enable`].
     pub required_interlocks: Vec<StartInterlock>,
     pub cycles: Vec<CycleConfig>,
     pub modbus_server_config: Option<ModbusServerConfig>,
     pub line_interface_config: Option<LineInterfaceConfig>,
+    /// `[serve.http]`, the page of a daemon that serves this machine file alone; refused in a machine file of
+    /// `trued.toml`.
     pub http_config: Option<HttpConfig>,
     pub schedules: Vec<ScheduleEntry>,
 }

@@ -5,7 +5,7 @@ use crate::run::CycleError;
 use crate::setup::SetupError;
 use crate::store::ArtefactRegisterError;
 
-/// Why a cycle has no estimate.
+/// Why a started or resumed cycle ended without an estimate.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum CycleFailure {
     #[error(transparent)]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::thread::{Builder, JoinHandle};
 
-use super::captures::CaptureFileNamer;
+use super::captures::CaptureFiles;
 use super::command_gate::CommandGate;
 use super::config::HttpConfig;
 use super::daemon_file::DaemonFile;
@@ -21,12 +21,15 @@ use devices::controllers::HaltHandle;
 /// The machines that the daemon serves, before it starts.
 pub struct Service {
     workers: Vec<MachineWorker>,
+    /// `None`: no web page and no HTTP API.
     http_config: Option<HttpConfig>,
+    /// Folder of the journal, the locks and the tokens.
     state_dir: PathBuf,
     log: Log,
     metrics: Metrics,
-    capture_files: Option<CaptureFileNamer>,
-    /// `None`: nothing is removed.
+    /// `None`: the links are not captured.
+    capture_files: Option<CaptureFiles>,
+    /// `None`: samples and captures of old runs are never removed.
     retention_config: Option<RetentionConfig>,
 }
 
@@ -65,7 +68,7 @@ impl Service {
     /// Captures every byte of each run's links: the file name is that of `file` with the run's number before the
     /// extension.
     pub fn with_captures(mut self, file: PathBuf) -> Self {
-        let captures = CaptureFileNamer::new(file);
+        let captures = CaptureFiles::new(file);
         self.workers.iter_mut().for_each(|worker| worker.capture_files = Some(captures.clone()));
         self.capture_files = Some(captures);
         self
@@ -102,7 +105,7 @@ impl Service {
     /// Serves until [`Service::shut_down_handle`] is triggered.
     ///
     /// # Errors
-    /// The service cannot start; then no machine is served.
+    /// The service cannot start; then no machine is served. Or the thread of a worker has panicked.
     pub fn serve(self) -> Result<ExitState, ServeError> {
         let journal =
             Arc::new(Journal::open_with_job_callback(&self.state_dir, self.metrics.journal_write_observer())?);

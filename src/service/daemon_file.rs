@@ -10,19 +10,22 @@ use super::retention::RetentionConfig;
 use crate::setup::MachineFile;
 use crate::setup::machine_file::{MachineFileError, TomlDocument};
 
+/// Permitted top-level sections of the daemon's file.
 const SECTION_NAMES: [&str; 3] = ["http", "machine", "retention"];
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MachineEntry {
+    /// Path of the machine file, relative to the folder of the daemon's file.
     file: PathBuf,
 }
 
 /// Configuration of `trued serve --config` (`trued.toml`), with the machine files that it names.
 pub struct DaemonFile {
     pub machines: Vec<(MachineFile, ServeConfig)>,
+    /// `None`: no web page and no HTTP API.
     pub http_config: Option<HttpConfig>,
-    /// `None`: nothing is removed.
+    /// `None`: samples and captures of old runs are never removed.
     pub retention_config: Option<RetentionConfig>,
 }
 

@@ -33,6 +33,7 @@ impl CommandGate {
         lock(&self.heartbeat).age()
     }
 
+    /// Whether the time that the last report of progress announced has passed: the worker counts as hung.
     pub fn is_progress_late(&self) -> bool {
         lock(&self.heartbeat).is_late()
     }
@@ -51,7 +52,7 @@ impl CommandGate {
     }
 
     /// Combined interlocks of the fresh sources only: a person can replace a stale source, but cannot override a
-    /// fresh one.
+    /// fresh one. `None`: no source is fresh.
     pub fn combined_fresh_interlocks(&self) -> Option<Interlocks> {
         let fresh = self.read_readiness_sources().into_iter().filter(|report| report.interlocks.is_fresh);
         fresh.reduce(Readiness::combine).map(|report| report.interlocks)

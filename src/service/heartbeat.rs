@@ -22,6 +22,7 @@ impl Heartbeat {
         self.beat_time.elapsed()
     }
 
+    /// Whether the next beat is overdue.
     pub(super) fn is_late(self) -> bool {
         self.age() > self.max_interval
     }

@@ -35,6 +35,8 @@ impl MachineWorker {
         let _ = report.result_sender.send(Err(why));
     }
 
+    /// Acquires the machine's lock and, if a run awaits an inspection, records the acknowledgement in the journal.
+    /// `None`: the acknowledgement is accepted, also without such a run.
     async fn acknowledge_held_run(
         &mut self,
         InspectionReport { who, why, is_homed: homed, .. }: &InspectionReport,
@@ -56,8 +58,8 @@ impl MachineWorker {
         Ok(None)
     }
 
-    /// Updates the machine state while the machine is held: whether another process holds the machine's lock, and
-    /// how that process left the run.
+    /// Updates the machine state while the machine is held and this process does not have the machine's lock: whether
+    /// another process has the lock, and how that process left the run.
     pub(super) async fn update_state_from_other_process(&mut self, journal: &Journal) {
         let machine_state = self.gate.machine_state();
         if self.machine_lock.is_some() || machine_state.state != ServiceState::Held {
@@ -74,7 +76,8 @@ impl MachineWorker {
         }
     }
 
-    /// The lock is acquired first: only then is a run whose process has died marked as interrupted.
+    /// Reads the last run again; if no run awaits an inspection, the machine waits for a start again. The lock is
+    /// acquired first: only then is a run whose process has died marked as interrupted.
     async fn reload_run_state(&mut self, journal: &Journal) {
         // If another process has acquired the lock meanwhile, the next call detects it.
         let Ok(lock) = self.acquire_lock(journal).await else { return };

@@ -17,6 +17,7 @@ use machine::record::estimate::Estimate;
 pub(super) struct IdentificationQueue {
     /// Stack of the waiting runs: the last element is the next one.
     waiting_runs: Vec<RunId>,
+    /// The run that is being identified on another thread, and the receiver of its estimate.
     in_progress: Option<(RunId, oneshot::Receiver<Result<Estimate, IdentificationError>>)>,
 }
 
@@ -28,6 +29,7 @@ impl IdentificationQueue {
         Ok(())
     }
 
+    /// Adds `run` as the next one.
     pub fn add_run(&mut self, run: RunId) {
         self.waiting_runs.push(run);
     }
@@ -57,7 +59,8 @@ impl IdentificationQueue {
         }
     }
 
-    /// The newest run without an estimate, except runs whose identification has failed before.
+    /// Removes and returns the next waiting run; skips runs that have an estimate meanwhile, and runs whose
+    /// identification has failed before.
     fn pop_unidentified_run(&mut self, journal: &Journal) -> Result<Option<StoredRun>, StoreError> {
         while let Some(run) = self.waiting_runs.pop() {
             let stored = journal.load_run(run)?;
@@ -70,6 +73,8 @@ impl IdentificationQueue {
     }
 }
 
+/// Counts the outcome in the machine state and logs it. The verdict and the parameters in the machine state, which
+/// are those of the last cycle, stay.
 fn publish_identification(gate: &CommandGate, log: &Log, run: RunId, stored: Result<Estimate, IdentificationError>) {
     match stored {
         Ok(estimate) => {

@@ -16,7 +16,7 @@ use tracing_subscriber::util::SubscriberInitExt;
 
 use super::log::{Log, LogLevel};
 
-/// Prefix of the journal fields of this program.
+/// Prefix of the names of this program's fields in the systemd journal.
 const SYSTEMD_JOURNAL_FIELD_PREFIX: &str = "TRUED";
 
 /// Starts the log for the whole process. The systemd journal also gets each step of a run, at level debug.
@@ -55,6 +55,7 @@ impl<S: Subscriber> Layer<S> for StderrLineLayer {
     }
 }
 
+/// Collects the field `message` of an event; other fields are ignored.
 struct MessageVisitor(String);
 
 impl Visit for MessageVisitor {

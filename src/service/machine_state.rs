@@ -13,17 +13,21 @@ use crate::store::NewestMeasuredRuns;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::watched_sensors::LiveValues;
 
-/// State of the service for one machine.
+/// State of the service for one machine. The numbers are the values of the Modbus register `state`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum ServiceState {
+    /// The cycles are being rehearsed; no command is accepted yet.
     #[default]
     Starting = 0,
+    /// The machine waits for a start; only in this state is a start accepted.
     Waiting = 1,
+    /// A cycle was accepted (started or resumed) and has not ended; its run may not have begun yet.
     Running = 2,
     /// The machine is held, or an unfinished run exists; a person must act.
     Held = 3,
-    /// The last cycle could not be measured; it left no unfinished run.
+    /// The last cycle ended without an estimate and without a held run; a person must acknowledge.
     Failed = 4,
+    /// The service ends; no further command is accepted.
     Ending = 5,
 }
 
@@ -53,7 +57,7 @@ impl ServiceState {
     }
 }
 
-/// Why a request is refused.
+/// Why a request is refused. The numbers are the values of the Modbus register `refusal`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 pub enum Refusal {
     #[error("a run is in progress")]
@@ -120,15 +124,19 @@ pub const ALL_REFUSALS: [Refusal; 19] = [
     Refusal::ArtefactRefused,
 ];
 
-/// Interlock inputs that the machine reports; they count only while they are fresh.
+/// Interlock inputs, as the machine reports them or a person confirms them; they count only while they are fresh.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Interlocks {
+    /// Whether the report is recent enough; otherwise no start is accepted.
     pub is_fresh: bool,
+    /// Whether the external start is enabled at the machine.
     pub is_start_enabled: bool,
     pub is_auto_mode: bool,
     pub is_door_closed: bool,
+    /// Whether the stop input is set: it prevents every start and resume. This level holds no run in progress; the
+    /// rising edge of the input does.
     pub is_stop_set: bool,
-    /// Whether a person who can answer prompts has started the cycle; a machine never reports this.
+    /// Whether a person who can answer prompts requests the start; a machine never reports this.
     pub has_person_for_prompts: bool,
 }
 
@@ -151,16 +159,18 @@ impl Interlocks {
 /// Current state of one schedule.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlannedSchedule {
+    /// Name of the schedule.
     pub name: String,
     pub cycle: u16,
     /// Time pattern, as in the machine file.
     pub at: String,
     /// Time zone, as in the machine file.
     pub zone: String,
+    /// Maximum delay of the start after the scheduled time, minutes.
     pub latest_min: u64,
-    /// Next times, in the schedule's time zone.
+    /// The next three due times, in the schedule's time zone; the first is the earliest.
     pub next: Vec<Zoned>,
-    /// Since when a due slot has been waiting, and for which condition.
+    /// Time of the due slot that waits, and for which condition; `None`: no slot waits.
     pub waiting: Option<String>,
 }
 
@@ -169,6 +179,7 @@ pub struct PlannedSchedule {
 #[derive(Debug, Clone, Default)]
 pub struct MachineState {
     pub state: ServiceState,
+    /// Progress of the cycle by machine time, %; 100 only after its estimate.
     pub progress_percent: u16,
     /// Verdict of the cycle in `cycle`; `None` until this cycle is completed.
     pub verdict: Option<Verdict>,
@@ -176,23 +187,28 @@ pub struct MachineState {
     pub cycle: u16,
     /// Number of the run of this cycle; 0 until the cycle has a run.
     pub run: u32,
-    /// Number of accepted starts; wraps around, as does `refusal_count`, the number of refusals.
+    /// Number of accepted starts since the service began, without resumes; wraps around.
     pub accepted_start_count: u16,
+    /// Number of refused requests of all clients since the service began; wraps around.
     pub refusal_count: u16,
+    /// The last refusal since the service began; an accepted request does not clear it.
     pub last_refusal: Option<Refusal>,
     /// Runs that were identified while the machine waited; the counter wraps around.
     pub idle_identification_count: u16,
+    /// Parameters of the estimate that has `verdict`; empty until this cycle is completed.
     pub estimated_parameters: Vec<Parameter>,
-    /// Current stage and step of the run; empty while no run is in progress.
+    /// Current stage of the run; empty while no run is in progress.
     pub stage_name: String,
+    /// Label of the current step of the run; empty while no run is in progress.
     pub step_label: String,
     /// Remaining machine time, s: the planned time, then as the run reports it; `None` if unknown.
     pub remaining_s: Option<f64>,
-    /// Number of touches and scans of the run that are in the journal.
+    /// Number of touches and scans of the run that are in the journal, also those before a resume.
     pub measured_step_count: u32,
     /// While the machine is held: whether another process holds its lock and may move it.
     pub is_locked_by_other_process: bool,
-    /// Why the last cycle was not completed, and the remedy; `None` once the failure is resolved.
+    /// Why the last cycle was not completed, and the remedy; `None` once the failure is acknowledged or resolved by
+    /// another process, or another cycle begins.
     pub failure: Option<RunFailure>,
     /// Open prompt; the machine does not move before a person answers it.
     pub open_prompt: Option<OpenPrompt>,
@@ -208,9 +224,11 @@ pub struct MachineState {
 /// How a cycle or an identification ended, as the metrics count it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CycleOutcome {
+    /// An estimate with this verdict; [`Verdict::None`] without a tolerance.
     Judged(Verdict),
     /// The machine is held.
     Held,
+    /// The cycle or the identification ended without an estimate, and no run is held.
     Failed,
 }
 
@@ -237,9 +255,11 @@ impl CycleOutcome {
 pub struct Counters {
     /// Ended cycles and identifications by [`CycleOutcome::label`].
     pub outcome_counts_by_label: BTreeMap<&'static str, u64>,
+    /// Touches and scans that this service stored in the journal.
     pub reading_count: u64,
+    /// Refused requests by reason.
     pub refusal_counts: BTreeMap<Refusal, u64>,
-    /// Cycles that ended by a failure of a link.
+    /// Cycles whose measurement ended by a failure of a link to the control or to a sensor.
     pub cycles_ended_by_link_error: u64,
 }
 
@@ -256,7 +276,9 @@ pub struct RunFailure {
 pub(super) struct CycleEnd<'a> {
     /// State of the machine from now on.
     pub state: ServiceState,
+    /// `None`: the cycle has no estimate (yet).
     pub estimate: Option<&'a Estimate>,
+    /// `None`: the cycle was completed, or its run is identified later.
     pub failure: Option<RunFailure>,
     /// `None`: the outcome is counted later, when the run is identified.
     pub outcome: Option<CycleOutcome>,
@@ -272,7 +294,8 @@ impl CycleEnd<'_> {
 }
 
 impl MachineState {
-    /// Resets the state for a new cycle. `expected_time_s`: expected machine time, s, if it is known.
+    /// Resets the state for a new or resumed cycle, and sets `Running`. `expected_time_s`: expected machine time, s,
+    /// if it is known.
     pub(super) fn begin_cycle(&mut self, cycle: u16, expected_time_s: Option<f64>) {
         (self.state, self.cycle, self.run) = (ServiceState::Running, cycle, 0);
         (self.progress_percent, self.verdict) = (0, None);

@@ -23,12 +23,18 @@ type SecondsGauge = Gauge<f64, AtomicU64>;
 #[derive(Clone)]
 pub struct Metrics {
     registry: Arc<Registry>,
+    /// Ended cycles and identifications by machine and [`CycleOutcome::label`].
     cycles_by_outcome: Family<MetricLabels<2>, Counter>,
+    /// Touches and scans by machine.
     readings: Family<MetricLabels<1>, Counter>,
+    /// Refused requests by machine and reason.
     refusals: Family<MetricLabels<2>, Counter>,
     cycles_ended_by_link_error: Family<MetricLabels<1>, Counter>,
+    /// By machine and state: 1 for the current state, 0 for the others.
     state: Family<MetricLabels<2>, Gauge>,
+    /// Time since the worker of a machine last reported progress.
     progress_age: Family<MetricLabels<1>, SecondsGauge>,
+    /// Duration of each write job of the journal, s.
     journal_write_time: Histogram,
 }
 
@@ -74,7 +80,8 @@ impl Metrics {
         move |took: Duration| histogram.observe(took.as_secs_f64())
     }
 
-    /// Sets the metrics of `machine`. The series of outcomes, readings and link errors exist from the start.
+    /// Sets the metrics of `machine`. The series of outcomes, readings and link errors exist from the start, those of
+    /// refusals from the first refusal of their reason.
     pub fn update_machine(&self, machine: &str, machine_state: &MachineState, progress_age: Duration) {
         let MachineState { state: now, counters, .. } = machine_state;
         let name = || ("machine", Cow::from(machine.to_owned()));

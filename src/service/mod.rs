@@ -58,12 +58,14 @@ pub enum ServeError {
     Store(#[from] StoreError),
     #[error(transparent)]
     Lock(#[from] LockError),
+    /// The rehearsal of the configured cycle `number` failed.
     #[error("cycle {number} cannot be measured: {error}")]
     InvalidCycle { number: u16, error: Box<RunError> },
     #[error("{server} cannot listen on {listen}: {source}")]
     Listen { server: &'static str, listen: std::net::SocketAddr, source: std::io::Error },
     #[error("two machines have the name `{0}`")]
     DuplicateMachineName(String),
+    /// The machine of this name has neither Modbus server, text line nor page.
     #[error("no interface can start a cycle of `{0}`")]
     NoTrigger(String),
     #[error(transparent)]
@@ -117,6 +119,7 @@ fn spawn_thread(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), 
 pub enum ExitState {
     /// No run was in progress.
     NoRunInProgress,
-    /// A run was in progress and is not complete: the machine is held.
+    /// A run was in progress and is not complete: the machine is held. With several machines: at least one of them is
+    /// held.
     RunHeld,
 }

@@ -22,6 +22,7 @@ use machine::record::estimate::{Parameter, Unit, Verdict};
 /// Prefix of all metric names.
 pub const METRIC_PREFIX: &str = "trued";
 
+/// Names and values of the `N` labels of a series.
 pub type MetricLabels<const N: usize> = [(&'static str, Cow<'static, str>); N];
 
 /// The newest result of one method on a machine.
@@ -34,6 +35,7 @@ pub struct NewestMethodResult {
 }
 
 type GaugeFamily<const N: usize> = Family<MetricLabels<N>, Gauge<f64, AtomicU64>>;
+/// Gauges with the value 1 or 0.
 type FlagFamily<const N: usize> = Family<MetricLabels<N>, Gauge>;
 
 /// Base units of the parameters.
@@ -73,6 +75,7 @@ impl BaseUnit {
 struct ParameterGauges {
     values: GaugeFamily<3>,
     expanded_uncertainties: GaugeFamily<3>,
+    /// Limits of the magnitude of the values; only parameters with a limit have one.
     limits: GaugeFamily<3>,
 }
 
@@ -104,9 +107,13 @@ struct ResultMetrics {
     registry: Registry,
     /// In the order of [`BaseUnit::ALL`].
     parameters_by_base_unit: [ParameterGauges; 4],
+    /// By parameter and verdict: 1 for its verdict, 0 for the others; only parameters with a limit.
     parameter_verdicts: FlagFamily<4>,
+    /// By method and verdict: 1 for the verdict of the result, 0 for the others.
     result_verdicts: FlagFamily<3>,
+    /// Unix time at which the run of the result ended, s; also of an outdated result.
     measurement_times: GaugeFamily<2>,
+    /// Mean temperatures during the run, °C, by thermometer.
     temperatures: GaugeFamily<3>,
 }
 
@@ -157,6 +164,7 @@ impl ResultMetrics {
         }
     }
 
+    /// Adds value and U of an identifiable parameter, and limit and verdict of a parameter with a limit.
     fn add_parameter(&self, labels: &MetricLabels<3>, parameter: &Parameter) {
         let (base_unit, units_per_base_unit) = BaseUnit::with_units_per_base_unit(parameter.unit);
         let gauges = &self.parameters_by_base_unit[base_unit as usize];
@@ -183,6 +191,7 @@ fn verdict_label(verdict: Verdict) -> MetricLabel {
     ("verdict", CycleOutcome::Judged(verdict).label().into())
 }
 
+/// The labels with one more; `M` must be `N + 1`.
 fn with_label<const N: usize, const M: usize>(labels: &MetricLabels<N>, last: MetricLabel) -> MetricLabels<M> {
     let mut all = labels.iter().cloned().chain([last]);
     std::array::from_fn(|_| all.next().unwrap_or_default())

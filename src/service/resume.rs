@@ -54,6 +54,8 @@ impl MachineWorker {
         }
     }
 
+    /// Acquires the machine's lock, checks that the run can still be resumed, and writes the acknowledgement to the
+    /// journal.
     async fn acknowledge_resume(
         &mut self,
         run: RunId,
@@ -71,6 +73,7 @@ impl MachineWorker {
         Ok(resumable_run)
     }
 
+    /// Opens the devices, measures the rest of the run and identifies it, after [`Self::prepare_resume`].
     pub(super) async fn resume_run(
         &self,
         resumable_run: ResumableRun,

@@ -8,14 +8,14 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 use serde::Deserialize;
 
-use super::captures::CaptureFileNamer;
+use super::captures::CaptureFiles;
 use super::command_gate::CommandGate;
 use super::key_range::check_key_range;
 use super::machine_state::ServiceState;
 use super::{Log, ServeError, spawn_thread};
 use crate::store::{Journal, StoreError};
 
-/// Time between two removals of old samples and captures.
+/// Pause between two removals of old samples and captures.
 const REMOVAL_PERIOD: Duration = Duration::from_secs(3600);
 /// Time between two checks whether all machines wait.
 const IDLE_CHECK_PERIOD: Duration = Duration::from_secs(10);
@@ -50,7 +50,7 @@ impl TryFrom<RetentionKeys> for RetentionConfig {
 pub(super) fn start_retention(
     retention: RetentionConfig,
     journal: Arc<Journal>,
-    captures: Option<CaptureFileNamer>,
+    captures: Option<CaptureFiles>,
     gates: Vec<CommandGate>,
     log: &Log,
 ) -> Result<(), ServeError> {
@@ -70,11 +70,12 @@ pub(super) fn start_retention(
     spawn_thread("retention", move || std::iter::repeat_with(remove_when_idle).for_each(drop))
 }
 
-/// Removes the samples and captures of old runs. When a cycle begins, the removal stops; the next call continues it.
+/// Removes the samples and captures of runs that ended more than `keep_samples_days` ago and have an estimate. When a
+/// cycle begins, the removal stops; the next call continues it.
 fn remove_expired_samples(
     RetentionConfig { keep_samples_days: keep_days }: RetentionConfig,
     journal: &Journal,
-    captures: Option<&CaptureFileNamer>,
+    captures: Option<&CaptureFiles>,
     is_any_run_in_progress: &impl Fn() -> bool,
     log: &Log,
 ) -> Result<(), StoreError> {
@@ -83,7 +84,7 @@ fn remove_expired_samples(
         if is_any_run_in_progress() {
             return Ok(());
         }
-        let scans = journal.remove_scan_samples(run)?;
+        let scans = journal.remove_scans(run)?;
         if scans > 0 {
             log.info(&format!("run {run}: the samples of {scans} scans are removed"));
         }

@@ -27,6 +27,8 @@ impl<'a> RunEventPublisher<'a> {
         Self { gate, log, max_event_interval, max_remaining_s: 0.0, progress_percent: 0 }
     }
 
+    /// Reports progress of the worker with each event, also with one that is neither logged nor part of the machine
+    /// state.
     pub(super) fn publish_event(&mut self, event: &RunEvent) {
         self.gate.report_progress(self.max_event_interval);
         match event {
@@ -65,7 +67,8 @@ impl<'a> RunEventPublisher<'a> {
         }
     }
 
-    /// Updates and returns the progress, %; 100 is reserved for the end.
+    /// Updates and returns the progress, %, from the remaining machine time; at most 99, as 100 is reserved for the
+    /// end.
     fn update_progress_percent(&mut self, remaining_s: f64) -> u16 {
         if remaining_s > self.max_remaining_s {
             // After a stop, the reference checks run on their own; the remaining time is known only after them.

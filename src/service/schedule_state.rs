@@ -16,15 +16,19 @@ use crate::store::{Arming, Journal, ScheduleSlot, StoreError};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Readiness {
     pub interlocks: Interlocks,
+    /// Whether the probe is in the spindle and operational.
     pub is_probe_ready: bool,
+    /// Whether the artefact is at the position of the machine file.
     pub is_artefact_in_place: bool,
+    /// Whether the machine and its surroundings are at the agreed temperature.
     pub is_temperature_in_range: bool,
     /// Whether the control executes no program.
     pub is_control_idle: bool,
 }
 
 impl Readiness {
-    /// Combines the reports of several sources: every condition must hold in all of them.
+    /// Combines the fresh reports of several sources: every condition must hold in all of them, and a stop input of
+    /// one is enough. The result counts as fresh.
     pub(super) fn combine(self, other: Self) -> Self {
         let (one, two) = (self.interlocks, other.interlocks);
         Self {
@@ -47,9 +51,12 @@ impl Readiness {
 /// Schedule of a machine: next times, armings, and the outcome of the last slots, newest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Agenda {
+    /// Schedules of the machine file with their next times.
     pub planned: Vec<PlannedSchedule>,
+    /// The last arming of each cycle, also if it has ended.
     #[serde(rename = "armed")]
     pub last_armings: Vec<Arming>,
+    /// Newest slots with their outcome, newest first.
     #[serde(rename = "last")]
     pub newest_slots: Vec<ScheduleSlot>,
 }
@@ -106,10 +113,12 @@ pub fn new_arming(
 /// otherwise the reason why it does not start.
 pub struct StartDueCycleRequest {
     pub cycle: u16,
+    /// Name of the client that reports the cycle as due.
     pub who: String,
     pub result_sender: oneshot::Sender<Result<(), NotStartedReason>>,
 }
 
+/// Returns the present report of one source; without a recent report its interlocks are not fresh.
 pub(super) type ReadinessSource = Arc<dyn Fn() -> Readiness + Send + Sync>;
 
 #[cfg(test)]

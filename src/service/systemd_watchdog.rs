@@ -54,6 +54,7 @@ pub fn notify_stopping(log: &Log) {
     notify_systemd(&[Stopping, Status("ending: runs in progress are held")], log);
 }
 
+/// Sends the notifications; does nothing without `NOTIFY_SOCKET`.
 fn notify_systemd(states: &[NotifyState<'_>], log: &Log) {
     if let Err(error) = sd_notify::notify(states) {
         log.error(&format!("the notification to systemd failed: {error}"));
@@ -73,6 +74,7 @@ fn systemd_status_line(machines: &WatchedMachines) -> String {
     each.collect::<Vec<_>>().join("; ")
 }
 
+/// Detects workers that no longer make progress.
 struct WorkerWatch {
     machines: WatchedMachines,
     /// Whether each worker was late at the last check.

@@ -10,7 +10,7 @@ use tokio::time::timeout;
 use tracing::field::Empty;
 use tracing::{Instrument, Span, info_span};
 
-use super::captures::{CaptureFileNamer, RunCapture};
+use super::captures::{CaptureFiles, RunCapture};
 use super::command_gate::CommandGate;
 use super::config::{CycleConfig, ServeConfig};
 use super::cycle_failure::CycleFailure;
@@ -28,12 +28,14 @@ use link::LinkMode;
 use machine::record::estimate::Estimate;
 use machine::record::event::RunEvent;
 
-/// Time between two heartbeats while the worker waits.
+/// Time between two heartbeats while the worker waits, and between two checks of the artefact register, of other
+/// processes and of pending identifications.
 const IDLE_POLL_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum time between two heartbeats while the worker waits; after that, the worker counts as hung.
 const MAX_IDLE_HEARTBEAT_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Executes the accepted commands of one machine, one at a time, on its own thread; holds the machine's lock when idle.
+/// Executes the accepted commands of one machine, one at a time, on its own thread; has the machine's lock except
+/// while the machine is held.
 pub(super) struct MachineWorker {
     pub(super) machine_file: MachineFile,
     config: ServeConfig,
@@ -42,10 +44,11 @@ pub(super) struct MachineWorker {
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
-    pub(super) capture_files: Option<CaptureFileNamer>,
+    /// `None`: the links are not captured.
+    pub(super) capture_files: Option<CaptureFiles>,
     /// The machine's lock; `None` while a person may resume the run from another process.
     pub(super) machine_lock: Option<MachineLock>,
-    /// Identifications of runs that were measured before.
+    /// Identifications of runs that were measured but not identified, by this process or an earlier one.
     pub(super) identification_queue: IdentificationQueue,
 }
 
@@ -150,11 +153,14 @@ impl MachineWorker {
         ExitState::NoRunInProgress
     }
 
+    /// Measures and identifies a new run, and records the result; returns the exit state if the service must end.
     async fn run_cycle(&mut self, cycle_number: u16, journal: &Journal) -> Option<ExitState> {
         let measured = self.measure_cycle(cycle_number, journal).await;
         self.finish_cycle(measured, ServiceState::Failed)
     }
 
+    /// Resumes the held run and records the result; returns the exit state if the service must end. `None` also if
+    /// the resume is refused.
     async fn resume_cycle(&mut self, run: RunId, report: InspectionReport, journal: &Journal) -> Option<ExitState> {
         let resumable_run = self.prepare_resume(run, report, journal).await?;
         let measured = self.resume_run(resumable_run, journal).await;
@@ -199,6 +205,8 @@ impl MachineWorker {
         self.config.max_event_interval
     }
 
+    /// Acquires the machine's lock, marks runs whose process has died as interrupted, and queues the runs without an
+    /// estimate.
     pub(super) async fn acquire_lock(&mut self, journal: &Journal) -> Result<MachineLock, ServeError> {
         let lock = MachineLock::acquire(&self.state_dir, self.machine_name())?;
         journal.mark_running_runs_interrupted(&lock).await?;
@@ -211,8 +219,8 @@ impl MachineWorker {
         self.identification_queue.queue_unidentified_runs(journal, &self.machine_file.machine.name)
     }
 
-    /// Records the result of a cycle; returns the exit state if the service must end. `state_if_unopened`: state of the
-    /// machine if its devices could not be opened.
+    /// Records the result of a cycle; returns the exit state if the service must end. `state_if_unopened`: state of
+    /// the machine if the cycle ended before its devices were open.
     fn finish_cycle(
         &mut self,
         measured: Result<(RunId, Estimate), CycleFailure>,
@@ -263,6 +271,7 @@ impl MachineWorker {
         CycleEnd { state, estimate: None, failure, outcome, ended_by_link_error: is_link_error }
     }
 
+    /// Opens the devices, measures a new run and identifies it.
     async fn measure_cycle(&self, cycle_number: u16, journal: &Journal) -> Result<(RunId, Estimate), CycleFailure> {
         let allowed = self.config.cycles.iter().find(|cycle| cycle.number == cycle_number);
         let Some(CycleConfig { method, repeat, .. }) = allowed else {
@@ -293,7 +302,8 @@ impl MachineWorker {
         Ok(ended?)
     }
 
-    /// Opens the devices, with a capture if configured. After this call, a hold reaches the control.
+    /// Opens the devices, with a capture if configured. After this call, a hold reaches the control; a hold requested
+    /// before takes effect now.
     pub(super) async fn open_devices_with_capture(
         &self,
         opening: impl Future<Output = Result<Devices, SetupError>>,

@@ -12,10 +12,18 @@ use crate::store::{Journal, MachineLock, RunId};
 /// Commands to the worker. While a command is in progress, no other command is accepted.
 #[derive(Debug)]
 pub enum WorkerCommand {
-    StartCycle { cycle: u16 },
+    StartCycle {
+        cycle: u16,
+    },
+    /// Ends the held or failed state; the held run is not resumed.
     Acknowledge(InspectionReport),
-    ResumeRun { run: RunId, report: InspectionReport },
+    ResumeRun {
+        run: RunId,
+        report: InspectionReport,
+    },
+    /// Read, write or restore values of the control.
     Compensate(CompensationJob),
+    /// Ends the worker.
     ShutDown,
 }
 
@@ -23,10 +31,11 @@ pub enum WorkerCommand {
 #[derive(Debug)]
 pub struct InspectionReport {
     pub who: String,
+    /// Reason that the person gave; may be empty.
     pub why: String,
     /// Whether all axes are homed; required where the control may have lost its position.
     pub is_homed: bool,
-    /// Channel for the result.
+    /// Channel for the result: `Ok` once the acknowledgement is in the journal, before a resumed run moves.
     pub result_sender: oneshot::Sender<Result<(), Refusal>>,
 }
 
@@ -46,7 +55,8 @@ impl Inspection<'_> {
     }
 }
 
-/// Receiver of the result of an accepted inspection report.
+/// Receiver of the result of an inspection report: `Ok` once the acknowledgement is in the journal. An error of the
+/// receiver: the service ends.
 pub type InspectionResultReceiver = oneshot::Receiver<Result<(), Refusal>>;
 
 /// Job that reads, writes or restores values of the control for a request.
@@ -61,6 +71,8 @@ pub(super) type SendResult = Box<dyn FnOnce() + Send>;
 pub type CompensationResultReceiver<T> = oneshot::Receiver<Result<T, CompensationError>>;
 
 impl CompensationJob {
+    /// The job that calls `decide`, and the receiver of its result. `target`: key of `[compensation]`, if there are
+    /// several.
     pub(super) fn new<T: Send + 'static>(
         target: Option<String>,
         decide: impl FnOnce(&MachineCompensation<'_>, &MachineLock) -> Result<T, CompensationError> + Send + 'static,
@@ -88,9 +100,11 @@ impl fmt::Debug for CompensationJob {
     }
 }
 
-/// Effect of a hold.
+/// Effect of a hold on the run of this process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HoldEffect {
+    /// A run is in progress or about to begin: the hold is sent to the control at once, or when the control is open.
+    /// Its effect is not awaited.
     RunHeld,
     /// No motion of this program was in progress.
     NoRunInProgress,

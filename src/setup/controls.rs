@@ -33,14 +33,15 @@ registry! {
     linuxcnc::LinuxCncConfig,
 }
 
-/// The kinds of all controls, in alphabetical order.
+/// The kinds of all real controls, in alphabetical order; `simulated` is not one of them.
 pub fn control_kinds() -> Vec<&'static str> {
     let mut kinds: Vec<_> = CONTROL_DESCRIPTIONS.iter().map(|control| control.kind).collect();
     kinds.sort_unstable();
     kinds
 }
 
-/// Hints of all controls that have the hint that `hint` selects, separated by `; `.
+/// The texts that `hint` selects from the descriptions of all controls, separated by `; `; controls without this text
+/// are left out.
 pub fn control_hints(hint: fn(&ControlDescription) -> Option<&'static str>) -> String {
     CONTROL_DESCRIPTIONS.iter().filter_map(hint).collect::<Vec<_>>().join("; ")
 }

@@ -34,13 +34,13 @@ pub struct Devices {
 }
 
 impl Devices {
-    /// Devices with a control that is already open. The clock of this computer times the readings that the control does
-    /// not time-stamp.
+    /// Devices with a control that is already open, without sensors and thermometers. The clock of this computer
+    /// times the readings that the control does not time-stamp.
     pub fn new(controller: Controller, dialect: Dialect) -> Self {
         Self::with_clock(controller, dialect, Arc::new(HostClock::start()))
     }
 
-    /// Devices with the clock that the control was opened with.
+    /// Devices with the clock that the control was opened with, without sensors and thermometers.
     pub(super) fn with_clock(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
         let sensors = SensorOpener::new(&[], None, clock.clone(), None);
         let thermometers = Thermometers::new(&[], None);
@@ -78,8 +78,9 @@ impl Devices {
 /// Readings and mountings of earlier sessions of a run; a simulated machine continues from them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct EarlierSessions<'a> {
+    /// All readings of the run so far.
     pub readings: &'a [Reading],
-    /// Mountings of the artefact in their order.
+    /// Confirmed mountings of the artefact in their order.
     pub mountings: &'a [ArtefactMount],
     /// Time since the last reading, s.
     pub time_since_last_reading_s: f64,

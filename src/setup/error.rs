@@ -9,6 +9,7 @@ use planning::gcode::DialectError;
 use planning::proof::StageProofError;
 use simulator::SimulatedWorldError;
 
+/// Why a machine file, its method or its devices cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SetupError {
     #[error(transparent)]
@@ -23,6 +24,7 @@ pub enum SetupError {
     Dialect(#[from] DialectError),
     #[error("the block that sets the modes of the control is refused: {0}")]
     ModeTextRefused(#[from] StageProofError),
+    /// A draft of a machine file cannot be written.
     #[error("the machine file cannot be written: {why}")]
     MachineFileDraft { why: String },
     #[error("the header of the program cannot be written: {0}")]

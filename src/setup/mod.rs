@@ -46,8 +46,9 @@ pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFil
     Ok(file)
 }
 
-/// The method with its settings and prompts, and the plan without steps. `repeat_count` overrides the
-/// number of repeats; `None`: as the file states it.
+/// The method with its settings and prompts, and the plan without steps, with only the sensors that the method
+/// requires. `repeat_count` overrides the number of repeats of the file (an error if the method has none); `None`: as
+/// the file states it.
 pub fn configure_method_and_plan_without_steps(
     file: &MachineFile,
     name: &str,

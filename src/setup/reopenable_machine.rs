@@ -10,13 +10,17 @@ use link::Clock;
 use link::clock::HostClock;
 use simulator::SimulatedOperator;
 
+/// Real or simulated machine of a machine file; its devices are open only in the `Devices` that `open` returns.
 pub struct ReopenableMachine<'a> {
     file: &'a MachineFile,
     machine: MachineKind<'a>,
 }
 
+/// The part of a machine that persists between two openings.
 enum MachineKind<'a> {
+    /// Configuration of the control; each opening connects anew.
     Real(Arc<dyn ControllerConfig>),
+    /// Simulated control and sensors, with one world that persists between the openings.
     Simulated(SimulatedMachine<'a>),
 }
 
@@ -62,7 +66,8 @@ impl<'a> ReopenableMachine<'a> {
     }
 }
 
-/// Opens the devices of `file`; a simulated machine is first advanced to the time after `history`. Call inside a tokio runtime.
+/// Opens the control of `file`; its sensors are opened when a run needs them. A simulated machine is first advanced
+/// to the time after `history`. Call inside a tokio runtime.
 pub async fn open_devices(
     file: &MachineFile,
     pace: SimulationPace,

@@ -27,7 +27,9 @@ pub async fn open_sensor(file: &MachineFile, name: &str) -> Result<OpenSensor, S
 pub struct SensorOpener {
     entries: Vec<SensorEntry>,
     encoder: Option<AxisEncoder>,
+    /// Clock of the samples of real sensors; simulated sensors use the time of `world`.
     clock: Arc<dyn Clock>,
+    /// World that simulated sensors measure; `None`: simulated sensors cannot be opened.
     world: Option<Arc<Mutex<SimulatedWorld>>>,
     /// Mode of the links when the machine was opened; the sensors are opened later, with the same mode.
     link_mode: LinkMode,
@@ -47,14 +49,15 @@ impl SensorOpener {
         Self { entries: entries.to_vec(), encoder, clock, world, link_mode: wiring, ports }
     }
 
-    /// Scale of the encoder counts in the samples of the sensor `name`; `None`: the samples contain no counts.
+    /// Scale of the encoder counts in the samples of the sensor `name`; `None`: there is no such sensor, or its
+    /// samples contain no counts.
     pub fn encoder_scale(&self, name: &str) -> Option<EncoderScale> {
         let entry = self.entry(name)?;
         Some(EncoderScale { encoder: self.encoder?, wrap_count: entry.connection.encoder_wrap_count()? })
     }
 
-    /// Opens the sensor of this name. A sensor in the spindle replaces the probe until dropped. Call inside a
-    /// tokio runtime.
+    /// Opens the sensor of this name, or replays it from a capture. On a simulated machine, a sensor in the spindle
+    /// replaces the probe until the returned value is dropped. Call inside a tokio runtime.
     ///
     /// # Errors
     /// There is no such sensor, or it cannot be opened.
@@ -72,6 +75,7 @@ impl SensorOpener {
         self.entries.iter().find(|entry| entry.sensor.name == name)
     }
 
+    /// Opens the driver of the sensor; during the replay of a capture, replays its samples without a device.
     async fn open_or_replay_sensor(&self, name: &str) -> Result<SensorHandle, SensorError> {
         let SensorEntry { sensor, connection, .. } =
             self.entry(name).ok_or_else(|| SensorError::UnknownSensor { name: name.to_owned() })?;
@@ -93,15 +97,17 @@ impl SensorOpener {
 /// Scale of a rotary encoder's counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncoderScale {
+    /// Axis of the encoder, and its counts per turn with their sign.
     pub encoder: AxisEncoder,
     /// Number of counts after which the count wraps.
     pub wrap_count: u64,
 }
 
-/// An open sensor of a run.
+/// An open sensor; dropping it closes the sensor and puts a removed simulated probe back.
 pub struct OpenSensor {
     sensor: SensorHandle,
-    /// World whose probe is removed until this sensor is dropped; `None`: the probe is not removed.
+    /// World whose probe is removed until this sensor is dropped; `None`: the machine is real, or the sensor is not
+    /// in the spindle.
     world_with_probe_removed: Option<Arc<Mutex<SimulatedWorld>>>,
 }
 

@@ -24,7 +24,7 @@ fn parse_sensor_entry(name: &str, interface_toml: &str) -> SensorEntry {
     toml::from_str(&format!("name = \"{name}\"\n{keys}{interface_toml}")).unwrap()
 }
 
-/// The sensor in `column` of lines such as `0.0123,-0.0040,17`.
+/// The sensor at the port `path` whose value, mm, is in `column` (from 1) of lines such as `0.0123,-0.0040,17`.
 fn line_column_sensor(name: &str, path: &str, column: usize) -> SensorEntry {
     let keys = "separator = \",\"\ncounter = { column = 3, round = 1000 }\n";
     let value = format!("value = {{ column = {column}, scale_mm = 1.0 }}\n");
@@ -35,6 +35,7 @@ fn new_sensor_opener(entries: &[SensorEntry]) -> SensorOpener {
     SensorOpener::new(entries, None, Arc::new(HostClock::start()), None)
 }
 
+/// Values of the samples that have one.
 fn values_mm(samples: &[Sample]) -> Vec<f64> {
     samples.iter().filter_map(|sample| sample.value_mm).collect()
 }
@@ -111,10 +112,13 @@ async fn two_queried_sensors_take_turns_on_one_port() {
     addressed.abort();
 }
 
-/// Register 0 of unit 1 contains 123, that of unit 2 contains -40.
+/// Request to read input register 0 of unit 1, with its CRC.
 const READ_REQUEST_TO_UNIT_1: [u8; 8] = [0x01, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xCA];
+/// Request to read input register 0 of unit 2, with its CRC.
 const READ_REQUEST_TO_UNIT_2: [u8; 8] = [0x02, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xF9];
+/// Register value 123: 0.0123 mm at a scale of 1e-4 mm.
 const REPLY_OF_UNIT_1: [u8; 7] = [0x01, 0x04, 0x02, 0x00, 0x7B, 0xF9, 0x13];
+/// Register value -40: -0.0040 mm at a scale of 1e-4 mm.
 const REPLY_OF_UNIT_2: [u8; 7] = [0x02, 0x04, 0x02, 0xFF, 0xD8, 0xBC, 0x9A];
 
 fn modbus_unit_sensor(name: &str, path: &str, unit: u8) -> SensorEntry {

@@ -11,8 +11,10 @@ use planning::gcode::Dialect;
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 use simulator::{SimulatedOperator, SimulatedWorld};
 
+/// The world of a machine file and its simulated control, which runs only while it is opened or served.
 pub struct SimulatedMachine<'a> {
     file: &'a MachineFile,
+    /// Configuration of the simulated control: that of the file, or the default if the file has a real control.
     control: SimulatedControlConfig,
     world: Arc<Mutex<SimulatedWorld>>,
 }
@@ -30,7 +32,8 @@ impl<'a> SimulatedMachine<'a> {
         Ok(Self { file, control, world: Arc::new(Mutex::new(build_world(file)?)) })
     }
 
-    /// Advances the world to the time after `history`, with its mountings.
+    /// Advances the world to the time after `history`, with its mountings; without a reading, no time passes. The
+    /// axes keep their positions.
     pub(super) fn advance_past_sessions(&self, history: EarlierSessions<'_>) {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         history.mountings.iter().for_each(|mount| world.remount_datum_cylinder(mount.turn_deg));
@@ -40,6 +43,7 @@ impl<'a> SimulatedMachine<'a> {
         }
     }
 
+    /// Starts the control and opens its driver; the axes keep the positions that they have in the world.
     pub(super) async fn open(&self, dialect: Dialect, pace: SimulationPace) -> Result<Devices, SetupError> {
         let modes = prove_mode_text(&dialect, &self.file.machine, None)?;
         let (controller, served) = self.control.start_and_open_driver(self.simulation_setup(pace)?, modes).await?;
@@ -55,7 +59,8 @@ impl<'a> SimulatedMachine<'a> {
         Ok(self.control.serve(self.simulation_setup(pace)?)?)
     }
 
-    /// As [`Self::serve_control`], with a faulty wire; `on_fault` is called with each fault and its time.
+    /// As [`Self::serve_control`], with a faulty wire; grblHAL only. `on_fault` is called with each fault and the
+    /// time since the wire was connected.
     ///
     /// # Errors
     /// The wire cannot be opened.

@@ -24,15 +24,16 @@ impl Thermometers {
 
     /// Reads all thermometers until the returned value is dropped. Call inside a tokio runtime.
     pub fn start_polling(&self) -> ThermometerPoller {
-        ThermometerPoller::start(&self.entries, |name| self.simulated_reading(name))
+        ThermometerPoller::start(&self.entries, |name| self.simulated_source(name))
     }
 
-    /// Reads each thermometer once.
+    /// Reads each thermometer once, °C.
     pub async fn read_once(&self) -> Vec<(&ThermometerConfig, Result<f64, ThermometerError>)> {
-        thermometer::read_thermometers_once(&self.entries, |name| self.simulated_reading(name)).await
+        thermometer::read_thermometers_once(&self.entries, |name| self.simulated_source(name)).await
     }
 
-    fn simulated_reading(&self, name: &str) -> Option<SimulatedTemperatureSource> {
+    /// Source of the temperature of the thermometer `name` in the world; `None`: there is no simulated world.
+    fn simulated_source(&self, name: &str) -> Option<SimulatedTemperatureSource> {
         let (world, name) = (self.world.clone()?, name.to_owned());
         Some(Box::new(move || world.lock().unwrap_or_else(PoisonError::into_inner).temperature_c(&name)))
     }

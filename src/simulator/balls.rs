@@ -11,28 +11,35 @@ use super::truth::MachineTruth;
 use machine::frame::unit_vector;
 use machine::record::artefact::{self, REFERENCE_TEMPERATURE_C};
 
+/// The balls of a ball artefact with their true positions, sizes and forms.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct TrueBalls {
     balls: Vec<TrueBall>,
 }
 
+/// One ball with its true errors.
 #[derive(Debug, Clone, PartialEq)]
 struct TrueBall {
+    /// True centre without the timed displacements, table frame, mm.
     centre: Vector3<f64>,
+    /// True mean radius, mm.
     radius: f64,
-    /// Matrix F that adds uᵀ·F·u to the radius along the unit vector u: an oval.
+    /// Matrix F, mm, that adds uᵀ·F·u to the radius along the unit vector u: an oval.
     form_matrix: Matrix3<f64>,
+    /// `None`: the ball has no stem that can be touched.
     stem: Option<BallStem>,
     /// Radius about the centre of a sphere that contains ball and stem.
     enclosing_radius: f64,
-    /// Displacements of the centre, each with the time from which it holds, s.
+    /// Displacements of the centre, mm, each with the time, s, from which on it is added; they accumulate.
     timed_displacements: Vec<(f64, Vector3<f64>)>,
 }
 
 /// A cylinder with flat ends that begins at the ball's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct BallStem {
+    /// Unit vector from the ball's centre along the stem.
     direction: Vector3<f64>,
+    /// Length from the centre of the ball.
     length_mm: f64,
     radius_mm: f64,
 }
@@ -103,6 +110,7 @@ impl TrueBall {
         centre && self.radius > form_deviation_bound(&self.form_matrix) && self.radius.is_finite()
     }
 
+    /// Sum of the displacements that have begun at `t_s`.
     fn displacement_at(&self, t_s: f64) -> Vector3<f64> {
         self.timed_displacements.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
     }
@@ -123,10 +131,10 @@ impl TrueBall {
         self.stem.map_or(best, |stem| best.or_nearer(stem.nearest(from_centre)))
     }
 
-    /// Signed distance and outward normal at the point of the ball's surface that is nearest to `from_centre`, a point
-    /// relative to the ball's centre. Solves `from_centre` = r(u)·u + distance·normal(u) for the direction u of the
-    /// nearest point. On a round ball, u is the direction of the
-    /// point; for an oval of micrometres, each iteration reduces the error to about a thousandth.
+    /// Signed distance and outward normal at the point of the ball's surface that is nearest to `from_centre`, a
+    /// point relative to the ball's centre. Solves `from_centre` = r(u)·u + distance·normal(u) for the direction u of
+    /// the nearest point. On a round ball, u is the direction of the point; for an oval of micrometres, each
+    /// iteration reduces the error to about a thousandth.
     fn nearest_ball_surface(&self, from_centre: Vector3<f64>) -> NearestSurface {
         let mut direction = unit_vector(from_centre).unwrap_or(Vector3::z());
         let mut nearest =
@@ -157,6 +165,7 @@ fn form_deviation_bound(form_matrix: &Matrix3<f64>) -> f64 {
     2.0 * form_matrix.abs().sum()
 }
 
+/// Maximum number of iterations of the search for the nearest point of an oval.
 const MAX_PERPENDICULAR_ITERATIONS: usize = 30;
 /// Squared change of angle, rad², below which the foot of a perpendicular has converged.
 const PERPENDICULAR_FOOT_CONVERGENCE_RAD2: f64 = 1e-28;
@@ -167,6 +176,7 @@ impl BallStem {
         self.length_mm.hypot(self.radius_mm)
     }
 
+    /// Surface of the stem nearest to `from_centre`, a point relative to the ball's centre.
     fn nearest(&self, from_centre: Vector3<f64>) -> NearestSurface {
         let along = from_centre.dot(&self.direction);
         let across = from_centre - self.direction * along;
@@ -202,8 +212,11 @@ fn move_balls_to_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Ba
     }
 }
 
+/// Maximum number of passes over all certified lengths.
 const MAX_CERTIFIED_LENGTH_ITERATIONS: usize = 1000;
 
+/// The certified length with the drawn errors of certificate and temperature, at the true temperature, and with
+/// `length_error_um_per_m`.
 fn true_certified_length_mm(length_index: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
     let draw = |part| draw_normal(truth.seed, RandomSource::CertifiedLengthError, &[length_index as u64, part]);
     let temperature_rise_k = length.temperature_c.unwrap_or(REFERENCE_TEMPERATURE_C) - REFERENCE_TEMPERATURE_C

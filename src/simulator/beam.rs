@@ -14,13 +14,13 @@ use machine::record::sensor::Sensor;
 /// Output of a sensor for one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SensorOutput {
-    /// Distance from the zero point to the surface, mm.
+    /// Distance from the zero point to the surface along the beam, with all errors of the sensor, mm.
     Distance(f64),
-    /// No light came back: there is no surface, or it is too steep.
+    /// No light came back: part of the light spot hits no surface, or the surface is too steep.
     NoEcho,
-    /// Distance outside of the sensor's measuring range, mm.
+    /// Output outside of the sensor's measuring range, mm.
     OutOfRange(f64),
-    /// Too much light.
+    /// Too much light: the surface is nearly perpendicular to the beam (`dazzled_deg`).
     TooMuchLight,
 }
 
@@ -28,12 +28,13 @@ pub enum SensorOutput {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Beam {
     zero_point_mm: Vector3<f64>,
+    /// True direction of the beam, a unit vector.
     direction: Vector3<f64>,
     /// Unit vectors across the nominal direction, for `tilt_urad` and `lean_um`.
     transverse_directions: [Vector3<f64>; 2],
-    /// Smallest and largest reading, mm.
+    /// Smallest and largest output in the measuring range, mm.
     range_mm: [f64; 2],
-    /// Smallest and largest distance at which the sensor detects a surface, mm.
+    /// Smallest and largest distance along the beam from the zero point at which the sensor detects a surface, mm.
     detection_range_mm: [f64; 2],
     linearity_waves: Vec<LinearityWave>,
     noise_std_dev_mm: f64,
@@ -143,7 +144,7 @@ impl Beam {
     }
 }
 
-/// Draws the declared incidence errors, unless the truth states values.
+/// Draws the declared incidence errors if the truth states neither `incidence_um` nor `lean_um`.
 fn with_drawn_incidence(truth: SensorTruth, nominal: &Sensor, seed: u64, sensor_index: usize) -> SensorTruth {
     if truth.incidence_um != 0.0 || truth.lean_um != [0.0; 2] {
         return truth;

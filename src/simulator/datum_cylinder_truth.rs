@@ -8,22 +8,24 @@ use super::true_round_part::FormHarmonic;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DatumCylinderTruth {
-    /// Standard deviation of the form of each cross section and of the face, drawn from the seed: harmonics 2 to 20.
+    /// Standard deviation, at every angle, of the form of each cross section and of the face, drawn from the seed:
+    /// harmonics 2 to 20.
     pub form_um: f64,
-    /// Stated form of single cross sections, in addition to the drawn form and to `form` in `[simulated]`.
+    /// Stated form of single cross sections (radius), in addition to the drawn form and to `form` in `[simulated]`.
     pub section_form: Vec<SectionFormHarmonic>,
-    /// Height of the face over the angle about the axis.
+    /// Stated height of the face over the angle about the axis, in addition to the drawn form.
     pub face_form: Vec<FormHarmonic>,
-    /// Tilt of the axis towards X and towards Y.
+    /// Tilt of the axis towards X and towards Y, table frame, in every mounting.
     pub tilt_urad: [f64; 2],
 }
 
-/// A harmonic of the form of one cross section.
+/// `cos·cos(nψ) + sin·sin(nψ)`, µm, added to the radius of one cross section; ψ counter-clockwise about the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SectionFormHarmonic {
-    /// Number of the cross section, from 1.
+    /// Number of the cross section, from 1, in the order of the artefact.
     pub section: usize,
+    /// Order: undulations per revolution.
     pub n: u32,
     #[serde(default)]
     pub cos_um: f64,
@@ -51,5 +53,6 @@ pub struct IndexingStageTruth {
 #[serde(deny_unknown_fields)]
 pub struct MountingAngleFault {
     pub mounting: u32,
+    /// Added to the indexed angle, counter-clockwise seen from the tip.
     pub off_deg: f64,
 }

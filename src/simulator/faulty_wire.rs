@@ -17,34 +17,41 @@ use estimation::random::seeded_stream;
 /// Exclusive upper limit of the byte index at which a fault begins; in a shorter line it begins at the line's end.
 const FAULT_BYTE_INDEX_END: u64 = 40;
 
+/// Direction of the bytes: from the driver to the control, or back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WireDirection {
     ToDevice,
     FromDevice,
 }
 
+/// Fault of one direction of the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum WireFault {
     /// Transmission stops for a while; nothing is lost.
     Delay(Duration),
-    /// As `Delay`, but short and in the middle of a line.
+    /// As `Delay`, but twenty times shorter.
     Split(Duration),
+    /// One byte is dropped.
     DropByte,
     /// All bytes from here to the end of the line are dropped.
     DropLine,
+    /// One byte is sent twice.
     DoubleByte,
     /// The part of the line from here on is sent twice.
     DoubleLine,
     Flip {
+        /// Bit of one byte that is inverted; 0 is the least significant.
         bit: u8,
     },
-    /// Nothing is transmitted any more, though the stream stays open.
+    /// Nothing is transmitted any more in this direction, though the stream stays open; the other direction
+    /// continues.
     Stall,
-    /// The streams to and from the control are closed.
+    /// Both directions end, and the streams to and from the control are closed.
     Cut,
 }
 
-/// One fault and its place; lines, and bytes in a line, count from 0.
+/// One fault and its place; lines, and bytes in a line, count from 0. In a shorter line the fault occurs at the line
+/// end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PlannedFault {
     pub direction: WireDirection,
@@ -57,15 +64,16 @@ pub struct PlannedFault {
 #[derive(Debug, Clone, Copy)]
 pub struct FaultyWire {
     pub seed: u64,
-    /// Mean number of lines between two faults in each direction.
-    pub mean_lines_between_faults: f64,
+    /// Mean of the exponential gap, in lines, between two faults of one direction; each gap also gets one whole line.
+    pub mean_exponential_gap_lines: f64,
+    /// Upper limit of a `Delay`; a `Split` lasts at most a twentieth of it.
     pub max_delay: Duration,
 }
 
 impl FaultyWire {
     /// A few faults in a run of sixty touches; some delays exceed every timeout.
     pub fn with_few_faults(seed: u64) -> Self {
-        Self { seed, mean_lines_between_faults: 300.0, max_delay: Duration::from_secs(4) }
+        Self { seed, mean_exponential_gap_lines: 300.0, max_delay: Duration::from_secs(4) }
     }
 
     /// All faults of one direction, in order; the iterator is infinite.
@@ -75,7 +83,7 @@ impl FaultyWire {
         (0..).map(move |count: u64| {
             let mut draw = seeded_stream(wire.seed, &[direction as u64, count]);
             // Exponential gaps: faults are random events, and neighbouring lines may both have one.
-            let gap = -(1.0 - draw.random::<f64>()).ln() * wire.mean_lines_between_faults;
+            let gap = -(1.0 - draw.random::<f64>()).ln() * wire.mean_exponential_gap_lines;
             line = u64::saturating_add(line, 1).saturating_add(gap as u64);
             let byte = draw.random_range(0..FAULT_BYTE_INDEX_END);
             let pause = wire.max_delay.mul_f64(draw.random::<f64>());
@@ -123,7 +131,9 @@ impl FaultyWire {
 struct WireHalf<'t, P: Iterator<Item = PlannedFault>> {
     schedule: Peekable<P>,
     on_fault: &'t (dyn Fn(PlannedFault) + Sync),
+    /// Line of the next byte, from 0.
     line_index: u64,
+    /// Index of the next byte in its line, from 0.
     byte_index: u64,
     /// Whether the rest of this line is dropped.
     is_dropping_line: bool,
@@ -143,6 +153,7 @@ impl<'t, P: Iterator<Item = PlannedFault>> WireHalf<'t, P> {
         }
     }
 
+    /// Forwards bytes until `from` ends or a cut; after a stall it only reads until `from` ends.
     async fn forward(mut self, mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin) -> io::Result<()> {
         let mut buffer = [0; 256];
         loop {
@@ -172,7 +183,7 @@ impl<'t, P: Iterator<Item = PlannedFault>> WireHalf<'t, P> {
         }
     }
 
-    /// Fault that occurs at this byte.
+    /// Fault that occurs at this byte, at most one; it is reported to `on_fault`.
     fn next_due_fault(&mut self, byte: u8) -> Option<WireFault> {
         let is_line_end = byte == b'\n';
         let (line, byte_index) = (self.line_index, self.byte_index);
@@ -214,7 +225,7 @@ mod tests {
     use super::*;
 
     fn wire(seed: u64) -> FaultyWire {
-        FaultyWire { seed, mean_lines_between_faults: 5.0, max_delay: Duration::from_millis(1) }
+        FaultyWire { seed, mean_exponential_gap_lines: 5.0, max_delay: Duration::from_millis(1) }
     }
 
     /// `text` after one fault.

@@ -69,7 +69,7 @@ use wiring::TrueWiring;
 /// Result of an unguarded move.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MoveResult {
-    /// The probe closed during the move, or reads closed at its end.
+    /// The probe closed during the move or is closed at its end; if nothing moved: its input reads closed.
     pub has_probe_closed: bool,
     /// The stylus was deflected beyond its overtravel.
     pub has_crashed: bool,
@@ -79,7 +79,7 @@ pub struct MoveResult {
 /// Result of a probing move.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ProbeResult {
-    /// `None`: the move reached its target without contact.
+    /// `None`: the move reached its target, and no contact was reported by the probe input.
     pub contact: Option<LatchedContact>,
     /// Braking deflected the stylus beyond its overtravel.
     pub has_crashed: bool,
@@ -101,11 +101,13 @@ pub struct SimulatedWorld {
     scene: TrueScene,
     stated_axes: BTreeMap<Axis, StatedAxis>,
     seed: u64,
+    /// Standard deviation of the trigger point of one touch along the contact normal.
     touch_std_dev_mm: f64,
+    /// Largest overlap of stylus ball and surface without a crash.
     stylus_overtravel_mm: f64,
     latch_delay: LatchDelay,
     simulated_time_s: f64,
-    /// Commanded positions of all axes.
+    /// Commanded positions of all axes, not rounded to the resolution, mm or rad.
     commanded_position: Position,
     lost_motion: LostMotion,
     true_wiring: TrueWiring,
@@ -117,6 +119,7 @@ pub struct SimulatedWorld {
     is_probe_removed: bool,
     /// Number of probing moves for each N word.
     probe_counts_by_line: BTreeMap<u32, u32>,
+    /// Errors of all `[[simulated.sensor]]`, for the sensors to be added.
     sensor_truths: Vec<SensorTruth>,
     sensors: Vec<SimulatedSensor>,
     /// Past motion, recorded only if there are sensors.
@@ -195,7 +198,8 @@ impl SimulatedWorld {
         !self.is_probe_removed && self.trigger_distance() + self.current_touch_scatter_mm <= 0.0
     }
 
-    /// Distance of the stylus from the trigger point at the true axis positions, mm; negative in contact.
+    /// Distance of the stylus from the trigger point at the true axis positions, without the scatter of the touch,
+    /// mm; negative in contact.
     fn trigger_distance(&self) -> f64 {
         let command = self.true_wiring.true_position(self.commanded_position.clone());
         self.scene.trigger_distance(&self.true_axis_positions(), &command, self.simulated_time_s)
@@ -283,6 +287,7 @@ impl SimulatedWorld {
         self.simulated_time_s += seconds.max(0.0);
     }
 
+    /// Latches the contact at `fraction` of the path, then brakes.
     fn stop_on_contact(&mut self, path: &MovePath, fraction: f64) -> ProbeResult {
         let t_s = self.simulated_time_s + path.velocity_profile.time_at_fraction_s(fraction);
         let contact = LatchedContact {
@@ -309,6 +314,7 @@ impl SimulatedWorld {
         margin(1.0) <= 0.0 || open.is_none_or(|o| first_zero_crossing_fraction(margin, max_slope_mm, o).is_some())
     }
 
+    /// Path of a move from the commanded position; `None`: nothing moves.
     fn move_path_to(&self, to: &Position, speed: Speed) -> Option<MovePath> {
         let lever_arm = |axis, at: &Position| self.scene.max_stylus_distance_from_axis(axis, at);
         let limits = MoveBounds {
@@ -319,6 +325,7 @@ impl SimulatedWorld {
         MovePath::new(&self.commanded_position, to, speed, &self.lost_motion, &limits)
     }
 
+    /// Distance from the trigger point, with the scatter of the touch, mm.
     fn trigger_distance_on_path(&self, path: &MovePath, fraction: f64) -> f64 {
         if self.is_probe_removed {
             return f64::MAX;
@@ -328,6 +335,7 @@ impl SimulatedWorld {
         self.scene.trigger_distance(&axes, &command, t_s) + self.current_touch_scatter_mm
     }
 
+    /// Distance between ball and surface, mm; negative: overlap.
     fn stylus_clearance_on_path(&self, path: &MovePath, fraction: f64) -> f64 {
         if self.is_probe_removed {
             return f64::MAX;
@@ -345,6 +353,7 @@ impl SimulatedWorld {
         )
     }
 
+    /// Ends a move at `fraction` of its path, and records it for the sensors.
     fn finish_move(&mut self, path: &MovePath, fraction: f64, duration_s: f64) {
         if !self.sensors.is_empty() {
             self.motion_history.record_move(self.simulated_time_s, path, fraction);
@@ -358,6 +367,7 @@ impl SimulatedWorld {
         self.simulated_time_s += duration_s;
     }
 
+    /// Linear axes in whole steps of their stated resolution.
     fn rounded_to_resolution(&self, command: &Position) -> Position {
         let rounded = |(axis, value): (Axis, f64)| {
             let step = self.stated_axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
@@ -368,7 +378,7 @@ impl SimulatedWorld {
     }
 }
 
-/// Lost motion of the linear axes: as stated, or drawn from the declared magnitude.
+/// Whole lost motion of the linear axes: as `[simulated]` states it, or drawn from the declared magnitude.
 fn true_backlash_um(machine: &Machine, truth: &MachineTruth) -> BTreeMap<Axis, f64> {
     let draw = |axis: Axis| draw_normal(truth.seed, RandomSource::Backlash, &[axis as u64]).abs();
     let drawn = machine.axes.iter().filter(|(_, spec)| spec.backlash_um > 0.0);

@@ -14,10 +14,13 @@ use machine::{Axis, Position};
 /// phase), shifted to be zero at position zero.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct RandomFunction {
+    /// Amplitude of each cosine, in the unit of the function: mm or rad.
     wave_amplitude: f64,
     /// (angular frequency per mm, phase in rad).
     frequencies_and_phases: Vec<(f64, f64)>,
-    cosine_sum_at_zero: f64,
+    /// Value of the sum of cosines, amplitude included, at position zero; it is subtracted from the function.
+    unshifted_value_at_zero: f64,
+    /// Distance between two tabulated positions.
     knot_pitch_mm: f64,
     /// Value, and derivative times knot pitch, at multiples of the knot pitch, where the function has been tabulated.
     /// Cubic Hermite interpolation between them is within 1e-6 σ of the sum of cosines.
@@ -47,7 +50,7 @@ impl RandomFunction {
             knot_pitch_mm: knot_pitch,
             ..Self::default()
         };
-        function.cosine_sum_at_zero = function.value_at(0.0);
+        function.unshifted_value_at_zero = function.value_at(0.0);
         function
     }
 
@@ -58,13 +61,14 @@ impl RandomFunction {
             let knot = |i: i64| {
                 let x = i as f64 * self.knot_pitch_mm;
                 let slope: f64 = self.frequencies_and_phases.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();
-                [self.sum_of_cosines(x), self.wave_amplitude * slope * self.knot_pitch_mm]
+                [self.untabulated_value_at(x), self.wave_amplitude * slope * self.knot_pitch_mm]
             };
             self.knot_values_and_slopes = (-half..=half).map(knot).collect();
         }
         self
     }
 
+    /// Value at the position `x`, mm; from the table where there is one.
     fn value_at(&self, x: f64) -> f64 {
         if self.frequencies_and_phases.is_empty() {
             return 0.0;
@@ -72,25 +76,27 @@ impl RandomFunction {
         let knot_coordinate = x / self.knot_pitch_mm + (self.knot_values_and_slopes.len() / 2) as f64;
         let i = knot_coordinate.floor();
         let piece = (i >= 0.0).then(|| self.knot_values_and_slopes.get(i as usize..)?.get(..2)).flatten();
-        let Some(&[[a, slope_a], [b, slope_b]]) = piece else { return self.sum_of_cosines(x) };
+        let Some(&[[a, slope_a], [b, slope_b]]) = piece else { return self.untabulated_value_at(x) };
         let right_weight = knot_coordinate - i;
         let left_weight = 1.0 - right_weight;
         left_weight * left_weight * ((1.0 + 2.0 * right_weight) * a + right_weight * slope_a)
             + right_weight * right_weight * ((1.0 + 2.0 * left_weight) * b - left_weight * slope_b)
     }
 
-    fn sum_of_cosines(&self, x: f64) -> f64 {
+    /// The function without the table.
+    fn untabulated_value_at(&self, x: f64) -> f64 {
         let sum: f64 = self.frequencies_and_phases.iter().map(|(w, phase)| (w * x + phase).cos()).sum();
-        self.wave_amplitude * sum - self.cosine_sum_at_zero
+        self.wave_amplitude * sum - self.unshifted_value_at_zero
     }
 }
 
 /// Positioning, straightness and squareness of X, Y and Z.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LinearErrors {
-    /// Error motions of each axis along X, Y and Z.
+    /// Error motions of each axis along X, Y and Z, mm, as functions of the position of this axis.
     motions_by_axis_and_direction: [[RandomFunction; 3]; 3],
-    /// Squareness errors, rad: displacement of X with motion along Y, of X along Z, of Y along Z.
+    /// Squareness errors, rad: displacement of X per motion along Y, of X along Z, of Y along Z; positive values move
+    /// the axis in its positive direction.
     squareness_rad: Vector3<f64>,
 }
 
@@ -137,6 +143,7 @@ impl LinearErrors {
 /// Rotations of each of X, Y and Z about X, Y and Z.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct LinearAxisRotationErrors {
+    /// Rotations that are not zero, rad, as functions of the position of their linear axis, mm.
     rotation_functions: Vec<(ErrorParameter, RandomFunction)>,
 }
 
@@ -157,6 +164,7 @@ impl LinearAxisRotationErrors {
         Self { rotation_functions: functions }
     }
 
+    /// Whether no linear axis has rotations.
     pub fn is_empty(&self) -> bool {
         self.rotation_functions.is_empty()
     }

@@ -10,7 +10,8 @@ pub(super) struct MachinePose {
     pub table_pose: Pose,
     /// Pose of the part that carries the tool or the sensor: spindle, bed or table.
     pub carrier_pose: Pose,
-    /// Displacement of the carrier against the table, machine frame: errors of the linear axes, less drift.
+    /// Displacement of the carrier against the table, machine frame: errors of the linear axes (spindle only), less
+    /// the drift of the table; zero for a carrier on the table.
     pub carrier_shift: Vector3<f64>,
 }
 

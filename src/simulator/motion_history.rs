@@ -13,8 +13,10 @@ pub(super) struct MotionHistory {
     moves: VecDeque<RecordedMove>,
 }
 
+/// A move that was made, possibly stopped before its target.
 #[derive(Debug, Clone)]
 struct RecordedMove {
+    /// Simulated time of the start.
     start_s: f64,
     path: MovePath,
     /// Path fraction at which the axes came to rest.
@@ -22,6 +24,7 @@ struct RecordedMove {
 }
 
 impl MotionHistory {
+    /// Adds a move that came to rest at `end_fraction` of its path; the oldest of too many moves is dropped.
     pub fn record_move(&mut self, start_s: f64, path: &MovePath, end_fraction: f64) {
         if self.moves.len() == MAX_STORED_MOVES {
             self.moves.pop_front();
@@ -29,8 +32,8 @@ impl MotionHistory {
         self.moves.push_back(RecordedMove { start_s, path: path.clone(), fraction_at_rest: end_fraction });
     }
 
-    /// Path of the last move that began before `t_s`, and the path fraction at `t_s`. Before the first move: the start
-    /// of its path. `None`: no move is recorded.
+    /// Path of the last move that began at or before `t_s`, and the path fraction at `t_s`. Before the first stored
+    /// move: the start of its path. `None`: no move is recorded.
     pub fn path_and_fraction_at(&self, t_s: f64) -> Option<(&MovePath, f64)> {
         let last_begun = self.moves.iter().rev().find(|recorded| recorded.start_s <= t_s);
         let RecordedMove { start_s, path, fraction_at_rest: end_fraction } = last_begun.or(self.moves.front())?;

@@ -19,7 +19,7 @@ pub(super) struct SimulatedSensor {
 /// Sampling times, by the sensor's own clock.
 #[derive(Debug, Clone)]
 struct SampleClock {
-    /// True duration of a second of the sensor's clock.
+    /// True duration, s, of a second of the sensor's clock.
     second_duration_s: f64,
     jitter_std_dev_s: f64,
     /// Delay of the last sample relative to the regular times of the sensor's clock (jitter), s.
@@ -35,8 +35,8 @@ impl SampleClock {
         Self { second_duration_s, jitter_std_dev_s: jitter_s, last_jitter_s: 0.0, latency_s }
     }
 
-    /// True time until the sample that comes `after_s` later by the sensor's clock. The jitter of one sample
-    /// does not shift the next one.
+    /// True time until the sample that comes `after_s` later by the sensor's clock. `deviate`: jitter in standard
+    /// deviations. The jitter of one sample does not shift the next one.
     fn time_until_sample_s(&mut self, after_s: f64, deviate: f64) -> f64 {
         let before = std::mem::replace(&mut self.last_jitter_s, self.jitter_std_dev_s * deviate);
         after_s * self.second_duration_s + self.last_jitter_s - before
@@ -54,8 +54,8 @@ impl SimulatedSensor {
 const SAMPLE_INDEX_RATE_HZ: f64 = 1e6;
 
 impl SimulatedWorld {
-    /// Adds these sensors, each with the errors of its `[[simulated.sensor]]`; a sensor without such a table is
-    /// ideal.
+    /// Adds these sensors, each with the errors of its `[[simulated.sensor]]`, and with the drawn errors that its
+    /// `[[sensor]]` declares by magnitude; without such a table, the values of `SensorTruth::default` apply.
     ///
     /// # Errors
     /// Two sensors have the same name, a `[[simulated.sensor]]` names no sensor, or a number is impossible for
@@ -104,8 +104,8 @@ impl SimulatedWorld {
         Some(sensor.clock.time_until_sample_s(after_s, deviate))
     }
 
-    /// Takes the sample that the sensor outputs at `t_s`: it was measured one latency earlier. `None`: there is no
-    /// such sensor.
+    /// Takes the sample that the sensor outputs at `t_s`: it was measured one latency earlier. Simulated time does
+    /// not advance. `None`: there is no such sensor.
     pub(super) fn sensor_output(&mut self, sensor_index: usize, t_s: f64) -> Option<SensorOutput> {
         let measured_s = t_s - self.sensors.get(sensor_index)?.clock.latency_s;
         let (axes, command) = match self.motion_history.path_and_fraction_at(measured_s) {

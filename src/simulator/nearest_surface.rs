@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-/// Nearest point of the surface: signed distance (negative inside) and outward normal.
+/// Nearest point of the surface: signed distance, mm (negative inside), and outward unit normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct NearestSurface {
     pub signed_distance: f64,
@@ -10,7 +10,7 @@ pub(super) struct NearestSurface {
 }
 
 impl NearestSurface {
-    /// No surface within the distance.
+    /// Result for a point without a surface nearer than `distance`.
     pub fn no_surface_within(distance: f64) -> Self {
         Self { signed_distance: distance, outward_normal: Vector3::z() }
     }

@@ -7,11 +7,12 @@ use super::{SimulatedWorld, Speed};
 use machine::record::question::{AxisDirection, Jog, ObservedMotion, OperatorAnswer, OperatorQuestion, StylusState};
 use machine::{Axis, Position};
 
-/// Smallest motion that the operator sees, mm or degrees.
+/// Largest motion or difference that the operator overlooks, mm or degrees.
 const MIN_VISIBLE_MOTION: f64 = 0.05;
-/// Resolution of a distance that the operator judges by eye, mm or degrees.
+/// Resolution and tolerance of a distance that the operator judges by eye, mm or degrees.
 const VISUAL_DISTANCE_RESOLUTION: f64 = 0.1;
 
+/// Answers questions about the simulated machine truthfully, from its true motion.
 pub struct SimulatedOperator {
     world: Arc<Mutex<SimulatedWorld>>,
     /// True position when the operator allowed the current jog.
@@ -23,6 +24,7 @@ impl SimulatedOperator {
         Self { world, true_position_before_jog: Position::new() }
     }
 
+    /// Answers the question; deflects or releases the stylus if the question requests it.
     pub fn answer(&mut self, question: &OperatorQuestion) -> OperatorAnswer {
         match question {
             OperatorQuestion::DisplayedPosition(reported) => self.compare_display(reported),
@@ -48,7 +50,7 @@ impl SimulatedOperator {
         world.travel(&Position::new().with(axis, to), Speed::Rapid);
     }
 
-    /// Whether the display agrees with the position that the control reports.
+    /// `Yes` if the display agrees with the position that the control reports.
     fn compare_display(&self, reported: &Position) -> OperatorAnswer {
         let displayed = self.lock_world().displayed_position();
         let differs =
@@ -56,7 +58,8 @@ impl SimulatedOperator {
         if reported.iter().any(differs) { OperatorAnswer::No } else { OperatorAnswer::Yes }
     }
 
-    /// The direction that frees the stylus most; `No` without contact, or if a finger deflects the stylus.
+    /// The axis direction in which a motion of 0.1 mm frees the stylus most; `No` without contact, or if a finger
+    /// deflects the stylus.
     fn retract_direction(&self) -> OperatorAnswer {
         let world = self.lock_world();
         if world.is_stylus_deflected || !world.is_in_contact() {
@@ -75,6 +78,7 @@ impl SimulatedOperator {
         best.map_or(OperatorAnswer::No, OperatorAnswer::Retract)
     }
 
+    /// True motion since the operator allowed the jog, compared with the announced one.
     fn observed_motion(&self, jog: &Jog) -> ObservedMotion {
         let true_position = self.lock_world().true_axis_positions();
         let travelled = true_position

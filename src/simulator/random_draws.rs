@@ -10,17 +10,23 @@ use super::sensor_truth::LinearityWave;
 use super::true_round_part::FormHarmonic;
 use estimation::random;
 
-/// Random quantities, each with the meaning of its key. All are standard normal except `PlcScanPhase`.
+/// Random quantities, each with the meaning of its key. All are standard normal except `PlcScanPhase` and the phases
+/// of `LinearAxisErrors`, which are uniform.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum RandomSource {
     /// Scatter of one touch: N word, and occurrence of this N word.
     TouchScatter = 1,
+    /// Harmonics of the pre-travel: order, part (0 cosine, 1 sine).
     Lobing,
+    /// Offset of the stylus centre: 0 (X) or 1 (Y).
     StylusOffset,
+    /// Error motions (component 0 to 2) and rotations (3 to 5) of a linear axis: axis, component.
     LinearAxisErrors,
+    /// Initial rates of the drift: 0, 1, 3 (table along X, Y, Z) or 2 (radius of the artefact).
     DriftRate,
+    /// Harmonics of the roughness of a cylinder: order, part (0 cosine, 1 sine).
     Roughness,
-    /// Deviations of one ball from the stated ball: ball, part.
+    /// Deviations of one ball from the stated ball: ball, part (0 to 2 centre, 3 diameter, 4 to 9 oval form).
     BallDeviation,
     /// Deviations of one certified length: length, and 0 (certificate) or 1 (temperature).
     CertifiedLengthError,
@@ -30,14 +36,17 @@ pub(super) enum RandomSource {
     PlcScanPhase,
     /// Noise of one sample of a displacement sensor: sensor, sample.
     SampleNoise,
+    /// Waves of the linearity error: sensor, order, part (0 cosine, 1 sine).
     SensorLinearity,
-    /// Delay of one sample: sensor, sample.
+    /// Deviation of the time of one sample: sensor, sample.
     SampleJitter,
+    /// Squareness errors: pair of axes.
     Squareness,
-    /// Error from a tilted surface: sensor, part.
+    /// Error from a tilted surface: sensor, part (0 `incidence_um`, 1 and 2 `lean_um`).
     IncidenceError,
     /// Error of one thermometer reading: thermometer, second.
     ThermometerNoise,
+    /// Harmonics of a datum cylinder: cross section (the largest number: the face), order, part.
     SectionForm,
     /// Error of one mounting of an artefact: mounting, part.
     MountingError,
@@ -84,14 +93,14 @@ pub(super) fn draw_linearity_waves(seed: u64, sensor_index: usize, sigma_um: f64
     LINEARITY_WAVE_ORDERS.map(wave).collect()
 }
 
-/// True minus stated stylus centre, spindle frame, in the unit of `sigma`.
+/// True minus stated stylus centre along X and Y, spindle frame, in the unit of `sigma`; Z is 0.
 pub(super) fn draw_stylus_offset(seed: u64, sigma: f64) -> Vector3<f64> {
     let draw = |axis| sigma * draw_normal(seed, RandomSource::StylusOffset, &[axis]);
     Vector3::new(draw(0), draw(1), 0.0)
 }
 
-/// Harmonics of the form of a round part, with a total standard deviation `sigma_um`. `key` identifies the part among
-/// all parts of the same source.
+/// Harmonics of the form of a round part, whose sum has the standard deviation `sigma_um` at every angle. `key`
+/// identifies the part among all parts of the same source.
 pub(super) fn draw_form_harmonics(
     seed: u64,
     source: RandomSource,
@@ -122,10 +131,11 @@ fn symmetric_off_diagonal([xy, xz, yz]: [f64; 3]) -> Matrix3<f64> {
     Matrix3::from([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 }
 
-/// Pre-travel of the probe as a function of the direction of the contact normal, spindle frame.
+/// Pre-travel of the probe as a function of the direction of the contact normal, spindle frame; positive: the probe
+/// triggers after the contact.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ProbeLobing {
-    /// (harmonic, cosine, sine), mm.
+    /// (order, cosine, sine) of the azimuth of the contact normal, mm.
     order_and_cos_sin_mm: Vec<(f64, f64, f64)>,
 }
 
@@ -153,7 +163,9 @@ impl ProbeLobing {
 /// Slow thermal motion of the table against the spindle, and thermal growth of the artefact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ThermalDrift {
+    /// Initial velocity of the table against the spindle, machine frame; it decays with the warm-up.
     initial_table_velocity_mm_per_s: Vector3<f64>,
+    /// Initial growth rate of the artefact's radius; it decays with the warm-up.
     initial_artefact_radius_growth_mm_per_s: f64,
 }
 
@@ -166,6 +178,7 @@ pub(super) fn equilibrium_share(t_s: f64) -> f64 {
 }
 
 impl ThermalDrift {
+    /// Draws the initial rates; each has the standard deviation `sigma_um_per_h`.
     pub fn draw(seed: u64, sigma_um_per_h: f64) -> Self {
         let sigma = sigma_um_per_h * 1e-3 / 3600.0;
         let draw = |part| sigma * draw_normal(seed, RandomSource::DriftRate, &[part]);

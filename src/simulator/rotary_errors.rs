@@ -7,9 +7,10 @@ use super::rotary_motion::RotaryMotionMagnitudes;
 use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, InvalidErrorParameter};
 use machine::{Axis, Position};
 
-/// Error motions of a rotary axis along X, Y and Z: harmonics of its angle, 2 to 5 unless declared. The mean
-/// belongs to the axis position, and the first harmonic is inseparable from the eccentricity of the part on the
-/// axis.
+/// Error motions of a rotary axis, from one declaration. The machine's own (`draw`) are along X, Y and Z, with the
+/// declared orders or 2 to 5: the mean belongs to the axis position, and order 1 is inseparable from the eccentricity
+/// of the part. Those of `[[simulated.rotary_motion]]` (`from_declaration`) start at order 1 and are also about A and
+/// B.
 #[derive(Debug, Clone)]
 pub(super) struct RotaryErrors {
     axis: Axis,
@@ -33,11 +34,14 @@ struct HarmonicDraw<'a> {
     seed: u64,
     quantity: RandomSource,
     axis: Axis,
+    /// Standard deviation of the sum at every angle, mm or rad.
     total_sigma: f64,
+    /// Key of the random draw and order of each term.
     keys_and_orders: &'a [(u64, f64)],
 }
 
 impl HarmonicDraw<'_> {
+    /// Terms of the error motion along or about the axis `component`.
     fn draw_terms(&self, component: Axis) -> Result<(ErrorParameter, Vec<OrderCosSin>), InvalidErrorParameter> {
         let Self { seed, quantity, axis, total_sigma: sigma, keys_and_orders: orders } = self;
         let term_sigma = sigma / (orders.len() as f64).sqrt();

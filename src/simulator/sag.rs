@@ -6,17 +6,20 @@ use super::truth::{SagLaw, SagTerm};
 use machine::frame::Pose;
 use machine::{Axis, Position};
 
+/// Sum of the deflections of the table by all `[[simulated.sag]]`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TableSag {
     terms: Vec<SagComponent>,
 }
 
+/// One `[[simulated.sag]]`, in mm and rad.
 #[derive(Debug, Clone, PartialEq)]
 struct SagComponent {
     axis: Axis,
     law: SagLaw,
-    /// Displacement and rotation vector at 90°, machine frame, mm and rad.
+    /// Displacement at an axis angle of 90°, machine frame.
     displacement_at_90_deg_mm: Vector3<f64>,
+    /// Rotation vector at an axis angle of 90°, machine frame.
     rotation_at_90_deg_rad: Vector3<f64>,
 }
 

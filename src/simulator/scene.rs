@@ -25,14 +25,18 @@ use machine::{Axis, Position, frame::Pose};
 #[derive(Debug, Clone)]
 pub(super) struct TrueScene {
     chain: KinematicChain,
-    stated_errors: Vec<ErrorTerm>,
+    /// True errors that `[simulated]` states (`errors` and `error_motion`), not those of the machine file.
+    true_error_terms: Vec<ErrorTerm>,
     linear_errors: LinearErrors,
     angular_errors: LinearAxisRotationErrors,
+    /// Drawn error motions; one axis may have several entries.
     rotary_errors: Vec<RotaryErrors>,
     drift: ThermalDrift,
-    /// Stated and true stylus-ball centre, spindle frame.
+    /// Stylus-ball centre that the machine file states, spindle frame.
     stated_stylus_centre: Vector3<f64>,
+    /// True stylus-ball centre, spindle frame.
     true_stylus_centre: Vector3<f64>,
+    /// Radius of the stylus ball, true as stated, mm.
     stylus_ball_radius: f64,
     lobing: ProbeLobing,
     pub surface: ArtefactSurface,
@@ -60,7 +64,7 @@ impl TrueScene {
         let stated_stylus = Vector3::from(machine.tool_mm);
         Ok(Self {
             chain,
-            stated_errors: errors,
+            true_error_terms: errors,
             linear_errors,
             angular_errors: LinearAxisRotationErrors::draw(seed, rotations),
             rotary_errors: draw_rotary_errors(machine, truth)?,
@@ -103,7 +107,8 @@ impl TrueScene {
         position.xyz_or_zero().norm() + self.true_stylus_centre.norm() + self.max_rotary_axis_distance_from_origin_mm
     }
 
-    /// Distance and outward normal of the surface, the normal in the spindle frame.
+    /// Distance between stylus ball and surface, mm (negative: overlap), and outward normal of the surface, spindle
+    /// frame.
     fn clearance_and_normal(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
         let SensorView { carrier_and_table: pose, radius_growth_mm: growth, .. } =
             self.view_from_spindle(axes, command, t_s);
@@ -136,6 +141,7 @@ impl TrueScene {
         SensorView { carrier_and_table: pose, measured_object: target, ..view }
     }
 
+    /// The scene as seen from `carrier`, which is displaced by `shift` and by the drift against the table.
     fn view_from(&self, carrier: Pose, shift: Vector3<f64>, axes: &Position, t_s: f64) -> SensorView<'_> {
         let errors = self.error_terms_at(axes, Some(t_s));
         let pose = MachinePose {
@@ -156,13 +162,13 @@ impl TrueScene {
     /// Without a time: without asynchronous motions.
     fn error_terms_at(&self, axes: &Position, t_s: Option<f64>) -> Cow<'_, [ErrorTerm]> {
         if self.rotary_errors.is_empty() && self.angular_errors.is_empty() {
-            return Cow::Borrowed(&self.stated_errors);
+            return Cow::Borrowed(&self.true_error_terms);
         }
         let drawn = self.rotary_errors.iter().flat_map(|errors| errors.synchronous_errors(axes));
         let at_time = |t_s| self.rotary_errors.iter().flat_map(move |e| e.asynchronous_errors(axes, t_s));
         let asynchronous = t_s.into_iter().flat_map(at_time);
         let angular = self.angular_errors.error_terms_at(axes);
-        self.stated_errors.iter().copied().chain(drawn).chain(asynchronous).chain(angular).collect()
+        self.true_error_terms.iter().copied().chain(drawn).chain(asynchronous).chain(angular).collect()
     }
 }
 
@@ -188,6 +194,7 @@ fn draw_rotary_errors(machine: &Machine, truth: &MachineTruth) -> Result<Vec<Rot
     Ok(rotary_errors)
 }
 
+/// Largest distance of a stated point of a rotary axis from the machine's origin.
 fn max_rotary_axis_distance_from_origin_mm(machine: &Machine) -> f64 {
     machine
         .axes

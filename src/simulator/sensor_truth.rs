@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::SimulatedWorldError;
 
-/// One `[[simulated.sensor]]`. Errors that its `[[sensor]]` declares by magnitude only (noise, linearity) are
-/// drawn from the seed unless given here.
+/// One `[[simulated.sensor]]`. Errors that its `[[sensor]]` declares by magnitude only (noise, linearity, incidence)
+/// are drawn from the seed unless given here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorTruth {
@@ -16,18 +16,19 @@ pub struct SensorTruth {
     /// Tilt of the beam towards the two axes of the mount's frame across its stated direction: X and Y for a
     /// beam along Z, X and Z along Y, Y and Z along X.
     pub tilt_urad: [f64; 2],
-    /// Output per true distance.
+    /// Output per true distance; 1 for an ideal sensor.
     pub gain: f64,
-    /// Deviation of the output from a straight line; `None`: the drawn one.
+    /// Deviation of the output from a straight line; `None`: drawn from the declared magnitude.
     pub linearity: Option<Vec<LinearityWave>>,
-    /// Standard deviation of one sample; `None`: the declared one.
+    /// Standard deviation of one sample; `None`: the declared one, or 0.
     pub noise_um: Option<f64>,
     /// Diameter of the light spot; the output is the mean over it.
     pub spot_mm: f64,
-    /// Added distance on a surface at 45° to the beam; proportional to the squared tangent of the angle.
+    /// Added distance on a surface at 45° to the beam; proportional to the squared tangent of the angle. If this
+    /// value and `lean_um` are 0, both are drawn from the declared magnitude.
     pub incidence_um: f64,
-    /// Added distance on a surface that is tilted by 45° along each of the two axes of `tilt_urad`. It is proportional to
-    /// the tangent of the tilt, and positive where the surface recedes along the axis.
+    /// Added distance on a surface that is tilted by 45° along each of the two axes of `tilt_urad`. It is
+    /// proportional to the tangent of the tilt, and positive where the surface recedes along the axis.
     pub lean_um: [f64; 2],
     /// Angle between beam and surface normal above which no light comes back.
     pub echo_limit_deg: f64,
@@ -56,7 +57,8 @@ pub struct LinearityWave {
 }
 
 impl Default for SensorTruth {
-    /// Ideal sensor, except that `echo_limit_deg` is that of the sensor type in paper 2.
+    /// No errors, except that `echo_limit_deg` is that of the sensor type in paper 2; errors that the `[[sensor]]`
+    /// declares by magnitude are still drawn.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -79,6 +81,8 @@ impl Default for SensorTruth {
 }
 
 impl SensorTruth {
+    /// Rejects values that are impossible for a sensor.
+    ///
     /// # Errors
     /// Names the first key whose value is impossible for a sensor.
     pub(super) fn check_values(&self) -> Result<(), SimulatedWorldError> {
@@ -108,11 +112,11 @@ impl SensorTruth {
     }
 }
 
-/// Maximum latency: one second.
+/// Maximum latency, inclusive: one second.
 const MAX_LATENCY_MS: f64 = 1000.0;
-/// Maximum rate error of the clock: one quarter.
+/// Exclusive limit of the rate error of the clock, in either direction: one quarter.
 const MAX_CLOCK_RATE_ERROR_PPM: f64 = 250_000.0;
-/// Maximum tilt: half a radian.
+/// Exclusive limit of each component of the tilt, in either direction: half a radian.
 const MAX_TILT_URAD: f64 = 500_000.0;
 
 pub(super) fn is_finite_and_non_negative(value: f64) -> bool {

@@ -28,7 +28,7 @@ pub(super) enum MeasuredObject<'a> {
 }
 
 impl MeasuredObject<'_> {
-    /// Surface nearest to `point`, both in the table frame.
+    /// Surface nearest to `point`, both in the table frame. `growth`: growth of the radius of a round part, mm.
     fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> NearestSurface {
         match self {
             MeasuredObject::Artefact(surface) => surface.nearest(point, growth, t_s),

@@ -14,18 +14,21 @@ const SPINDLE_ORIENTATION_ACCELERATION_DEG_S2: f64 = 1_000.0;
 /// lags behind its command by half the gap.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LostMotion {
+    /// Half of the whole gap of each axis with lost motion.
     half_backlash_mm: BTreeMap<Axis, f64>,
+    /// True axis positions after the last move, lost motion included.
     actual_position: Position,
 }
 
 impl LostMotion {
+    /// `backlash_um`: whole gap of each axis. At `command`, each axis is in the middle of its gap.
     pub fn new(backlash_um: &BTreeMap<Axis, f64>, command: &Position) -> Self {
         let half_backlash_mm =
             backlash_um.iter().filter(|(axis, _)| axis.is_linear()).map(|(axis, gap)| (*axis, gap * 0.5e-3)).collect();
         Self { half_backlash_mm, actual_position: command.clone() }
     }
 
-    /// True axis positions after a move to `command` without a reversal.
+    /// True axis positions, lost motion included, after a move to `command` without a reversal on the way.
     pub fn position_after_move_to(&self, command: &Position) -> Position {
         let mut axes = command.clone();
         for (axis, half) in &self.half_backlash_mm {
@@ -35,6 +38,7 @@ impl LostMotion {
         axes
     }
 
+    /// Stores the true axis positions after a move to `command` without a reversal.
     pub fn update_actual_position(&mut self, command: &Position) {
         self.actual_position = self.position_after_move_to(command);
     }
@@ -43,21 +47,25 @@ impl LostMotion {
 /// Bounds of a move: the speeds of the axes, and the largest distance of the stylus ball from a rotary axis.
 pub(super) struct MoveBounds<'a> {
     pub stated_axes: &'a BTreeMap<Axis, StatedAxis>,
+    /// Upper bound of the distance of the stylus ball from a rotary axis, mm, with the linear axes at a position.
     pub max_stylus_distance_from_axis: &'a dyn Fn(Axis, &Position) -> f64,
     /// Largest ratio of true to commanded travel.
     pub max_true_travel_ratio: f64,
 }
 
+/// A straight move from rest to rest; the path fraction runs from 0 (start) to 1 (target).
 #[derive(Debug, Clone)]
 pub(super) struct MovePath {
+    /// Commanded positions of all axes at the start.
     from: Position,
-    /// Travel of each axis that moves.
+    /// Signed travel of each axis that moves, mm or rad.
     travel_by_axis: Position,
     /// Target of the axes that move.
     target: Position,
     pub velocity_profile: VelocityProfile,
     /// Upper bound of the ball's travel over the whole path, mm.
     pub max_stylus_travel_mm: f64,
+    /// State of the lost motion at the start.
     lost_motion: LostMotion,
 }
 
@@ -130,6 +138,7 @@ fn velocity_profile_of_move(span: &Position, speed: Speed, axes: &BTreeMap<Axis,
     VelocityProfile::new(fastest, acceleration)
 }
 
+/// Length of the path of the linear axes, mm; if only rotary axes move, of their path, degrees.
 fn feed_path_length(span: &Position) -> f64 {
     let length = |linear: bool| {
         let parts = span.iter().filter(|(axis, _)| axis.is_linear() == linear);
@@ -139,6 +148,7 @@ fn feed_path_length(span: &Position) -> f64 {
     if linear > 0.0 { linear } else { length(false) }
 }
 
+/// Upper bound of the travel of the stylus ball, for true axes that move as commanded.
 fn max_stylus_travel_mm(from: &Position, span: &Position, lever_arm: &dyn Fn(Axis, &Position) -> f64) -> f64 {
     let linear: f64 = span.iter().filter(|(a, _)| a.is_linear()).map(|(_, t)| t * t).sum::<f64>().sqrt();
     let turns: f64 = span

@@ -31,7 +31,7 @@ impl SimulatedWorld {
         self.scene.table_drift(t_s).into()
     }
 
-    /// Stylus-ball centre relative to the spindle datum, mm.
+    /// True stylus-ball centre relative to the spindle datum, spindle frame.
     pub fn true_stylus_centre_mm(&self) -> [f64; 3] {
         self.scene.true_stylus_centre_in_spindle().into()
     }
@@ -52,7 +52,7 @@ impl SimulatedWorld {
     }
 
     /// Makes a straight, unguarded move of the axes named in `to`, during which the sensor `name` samples every
-    /// `period_s` by its clock.
+    /// `period_s` by its clock. Empty, without a move, if there is no such sensor or nothing moves.
     pub fn move_and_sample(&mut self, name: &str, to: &Position, speed: Speed, period_s: f64) -> Vec<SampleInMotion> {
         let (Some(number), Some(path)) = (self.sensor_index(name), self.move_path_to(to, speed)) else {
             return Vec::new();

@@ -16,7 +16,7 @@ pub struct ThermometerTruth {
     pub begins_c: f64,
     /// Temperature rise until equilibrium.
     pub warms_k: f64,
-    /// Standard deviation of a reading.
+    /// Standard deviation of a reading; the noise is drawn anew each second.
     pub noise_k: f64,
 }
 
@@ -35,6 +35,7 @@ impl ThermometerTruth {
         all.into_iter().all(f64::is_finite) && self.noise_k >= 0.0
     }
 
+    /// Reading at the simulated time `t_s`, °C, with noise and rounded to the resolution.
     fn reading_c(&self, t_s: f64, seed: u64, thermometer_index: usize) -> f64 {
         // The noise changes once per second.
         let key = [thermometer_index as u64, t_s.max(0.0) as u64];
@@ -45,7 +46,8 @@ impl ThermometerTruth {
 }
 
 impl SimulatedWorld {
-    /// Adds thermometers of these names, each with the temperature of its `[[simulated.thermometer]]`.
+    /// Adds thermometers of these names, each with the temperature of its `[[simulated.thermometer]]`, or without one
+    /// of `ThermometerTruth::default`.
     ///
     /// # Errors
     /// The name in a `[[simulated.thermometer]]` is unknown or occurs twice, or a number is impossible.

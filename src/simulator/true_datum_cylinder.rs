@@ -20,20 +20,26 @@ pub(super) struct TrueDatumCylinder {
     stated: DatumCylinder,
     /// Profiles of the stated cross sections, in their order.
     profiles: Vec<RadiusProfile>,
+    /// Height of the face over the angle about the axis, drawn and stated.
     face_form: Vec<FormHarmonic>,
+    /// True foot of the axis in the first mounting, table frame, mm.
     first_mounting_axis_foot: Vector3<f64>,
-    /// Tilt of the axis towards X and towards Y.
+    /// Tilt of the axis towards X and towards Y, without the tilt of a new mounting.
     tilt_rad: [f64; 2],
     stage_truth: IndexingStageTruth,
     seed: u64,
     /// Number of mountings after the first.
     remounting_count: u32,
+    /// Requested angle of the present mounting against the first, without errors of the stage.
     turn_deg: f64,
     mounted_cylinder: MountedDatumCylinder,
 }
 
+/// The cylinder as it is mounted now, table frame, with the errors of this mounting.
 #[derive(Debug, Clone)]
 struct MountedDatumCylinder {
+    /// One cylinder for each cross section; it extends half-way to its neighbours, the first from the foot, the last
+    /// to the end.
     true_cross_sections: Vec<TrueCylinder>,
     axis_foot: Vector3<f64>,
     /// Columns: the x, y and axis directions of the artefact.
@@ -106,6 +112,7 @@ impl TrueDatumCylinder {
             self.compute_mounted_cylinder(turn, shift, [self.tilt_rad[0] + lean[0], self.tilt_rad[1] + lean[1]]);
     }
 
+    /// The cylinder turned by `turn`, rad, shifted by `shift` along X and Y, mm, with its axis tilted by `tilt`, rad.
     fn compute_mounted_cylinder(&self, turn: f64, shift: [f64; 2], tilt: [f64; 2]) -> MountedDatumCylinder {
         let axis = unit_vector(Vector3::from(self.stated.axis)).unwrap_or(Vector3::z());
         let axis = (axis + Vector3::new(tilt[0], tilt[1], 0.0)).normalize();
@@ -120,8 +127,8 @@ impl TrueDatumCylinder {
         MountedDatumCylinder { true_cross_sections: sections, axis_foot: foot, frame }
     }
 
-    /// Heights of the boundaries between sections, from the foot to the end; sections are stated in rising
-    /// order.
+    /// Heights of the boundaries between sections above the foot, one more than sections, from 0 to the end; sections
+    /// are stated in rising order.
     fn section_boundary_heights_mm(&self) -> Vec<f64> {
         let sections = &self.stated.sections;
         let middle = sections.windows(2).map(|pair| (pair[0].z_mm + pair[1].z_mm) / 2.0);

@@ -7,10 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::nearest_surface::NearestSurface;
 
-/// `cos·cos(nψ) + sin·sin(nψ)`, ψ counter-clockwise about the artefact's axis.
+/// `cos·cos(nψ) + sin·sin(nψ)`, µm: part of a radius or of the height of a face; ψ counter-clockwise about the
+/// artefact's axis.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FormHarmonic {
+    /// Order: undulations per revolution.
     pub n: u32,
     #[serde(default)]
     pub cos_um: f64,
@@ -38,7 +40,7 @@ impl TrueCylinder {
         Self { axis_foot: foot, frame, height, profile }
     }
 
-    /// The solid turned about its own axis, rad.
+    /// The solid turned counter-clockwise about its own axis by `angle`, rad.
     pub fn rotated_about_axis(self, angle: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         Self { frame: self.frame * turn, ..self }
@@ -85,7 +87,7 @@ impl RadiusProfile {
         self.radius - self.max_deviation_bound
     }
 
-    /// Radius and its first two derivatives.
+    /// Radius and its first two derivatives by ψ, mm.
     fn radius_and_derivatives(&self, psi: f64) -> [f64; 3] {
         let (mut sums, mut order) = ([self.radius, 0.0, 0.0], 0);
         let (sin_psi, cos_psi) = psi.sin_cos();

@@ -31,25 +31,28 @@ pub struct MachineTruth {
     /// Error motions of rotary axes, declared by magnitude.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rotary_motion: Vec<RotaryMotionMagnitudes>,
-    /// Form and tilt of a datum cylinder, and the stage that indexes it.
+    /// Form and tilt of a datum cylinder.
     pub datum_cylinder: DatumCylinderTruth,
+    /// Errors of the indexing stage of a datum cylinder.
     pub stage: IndexingStageTruth,
     /// True centre of the artefact minus the stated one, table frame X and Y.
     pub centre_offset_mm: [f64; 2],
-    /// True mean radius of the artefact minus the stated one.
+    /// True mean radius of the artefact, of each section or of each ball minus the stated one.
     pub radius_offset_mm: f64,
-    /// Form deviation of the artefact: radius over the angle about its own axis.
+    /// Form deviation of a round artefact (radius over the angle about its own axis), or of each section of a datum
+    /// cylinder.
     pub form: Vec<FormHarmonic>,
-    /// Standard deviation of the artefact's random roughness, drawn from `seed`.
+    /// Standard deviation of a cylinder's random roughness, drawn from `seed`.
     pub roughness_um: f64,
     /// True stylus centre minus the stated one, spindle frame; added to the drawn offset.
     pub tool_offset_um: [f64; 3],
-    /// Standard deviations of the draws for each ball: of each coordinate of the true centre minus the stated one,
-    /// of the diameter, and of the radius over the directions (an oval).
+    /// Standard deviation of the draws of each coordinate of a ball's true centre minus the stated one.
     pub ball_offset_mm: f64,
+    /// Standard deviation of the draws of a ball's true diameter minus the stated one.
     pub ball_diameter_um: f64,
+    /// Standard deviation of a ball's radius over the directions (a drawn oval), for balls without `form_um`.
     pub ball_form_um: f64,
-    /// Errors of single balls, in addition to the drawn ones.
+    /// Errors of single balls; centre and diameter in addition to the drawn ones.
     pub ball: Vec<BallTruth>,
     /// Balls that come loose during the run.
     pub ball_moves: Vec<BallMove>,
@@ -57,7 +60,7 @@ pub struct MachineTruth {
     pub length_error_um_per_m: f64,
     /// Deflection of the table when the part is tilted.
     pub sag: Vec<SagTerm>,
-    /// Lost motion of a linear axis when it reverses.
+    /// Whole lost motion of a linear axis when it reverses; without a value, drawn from the declared magnitude.
     pub backlash_um: BTreeMap<Axis, f64>,
     /// Wiring of the motors and of the probe.
     #[serde(skip_serializing_if = "Wiring::is_correct")]
@@ -81,6 +84,7 @@ pub struct MachineTruth {
 pub struct ErrorMotionHarmonic {
     /// e.g. `EXC`: motion along X of the axis C.
     pub symbol: String,
+    /// Order n of the axis angle.
     pub harmonic: u32,
     #[serde(default)]
     pub cos_um: f64,
@@ -97,16 +101,18 @@ pub struct ErrorMotionHarmonic {
 #[serde(deny_unknown_fields)]
 pub struct BallTruth {
     pub id: String,
-    /// True centre minus the stated one, table frame. Certified lengths take precedence.
+    /// True centre minus the stated one, table frame, in addition to the drawn error. Certified lengths take
+    /// precedence.
     #[serde(default)]
     pub offset_mm: [f64; 3],
+    /// True diameter minus the stated one, in addition to the drawn error.
     #[serde(default)]
     pub diameter_um: f64,
-    /// Form of this ball; `None`: `ball_form_um`.
+    /// Standard deviation of this ball's radius over the directions; `None`: `ball_form_um`.
     pub form_um: Option<f64>,
 }
 
-/// A ball that is displaced by `by_mm` (table frame) from `at_s` on.
+/// A ball that is displaced by `by_mm` (table frame) from `at_s` on, in addition to its earlier displacements.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BallMove {
@@ -133,6 +139,7 @@ pub struct SagTerm {
     pub axis: Axis,
     #[serde(default)]
     pub law: SagLaw,
+    /// Displacement of the table's origin along X, Y and Z.
     #[serde(default)]
     pub um: [f64; 3],
     /// Rotation vector about the position of the table's origin.
@@ -140,6 +147,7 @@ pub struct SagTerm {
     pub urad: [f64; 3],
 }
 
+/// Deflection at the angle q of the axis, as a share of that at 90°.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SagLaw {
@@ -186,7 +194,7 @@ impl MachineTruth {
         }
     }
 
-    /// All errors of the machine that the truth states, in mm, rad and mm/mm.
+    /// All errors of the machine in `errors` and `error_motion`, in mm, rad and mm/mm.
     pub(super) fn error_terms(&self) -> Result<Vec<ErrorTerm>, SimulatedWorldError> {
         let stated = self.errors.iter().map(|(key, value)| parse_error_term(key, *value));
         let mut terms = stated.collect::<Result<Vec<_>, _>>()?;

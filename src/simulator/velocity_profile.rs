@@ -35,6 +35,7 @@ impl VelocityProfile {
         1.0 / self.peak_fraction_speed + self.peak_fraction_speed / self.fraction_acceleration
     }
 
+    /// Time from the start of the move to `fraction`, if the move is not stopped.
     pub fn time_at_fraction_s(&self, fraction: f64) -> f64 {
         if fraction < self.acceleration_phase_fraction() {
             (2.0 * fraction / self.fraction_acceleration).sqrt()
@@ -46,6 +47,7 @@ impl VelocityProfile {
         }
     }
 
+    /// Speed of the path fraction, 1/s.
     pub fn speed_at_fraction(&self, fraction: f64) -> f64 {
         let distance_to_end = fraction.min(1.0 - fraction).clamp(0.0, self.acceleration_phase_fraction());
         (2.0 * self.fraction_acceleration * distance_to_end).sqrt()
@@ -67,7 +69,7 @@ impl VelocityProfile {
         }
     }
 
-    /// Path fraction and time at rest when braking begins at `fraction`.
+    /// Path fraction at rest, and time from the start of the move to rest, when braking begins at `fraction`.
     pub fn rest_fraction_and_time_s(&self, fraction: f64) -> (f64, f64) {
         let speed = self.speed_at_fraction(fraction);
         let rest = (fraction + speed * speed / (2.0 * self.fraction_acceleration)).min(1.0);

@@ -14,8 +14,9 @@ use machine::{Axis, Position};
 pub struct Wiring {
     /// Pairs of axes whose motors are exchanged (1 mm for 1°).
     pub swapped: Vec<[Axis; 2]>,
+    /// Axes whose motors turn in the opposite direction.
     pub reversed: Vec<Axis>,
-    /// True travel of an axis for each commanded mm or degree.
+    /// True travel of an axis for each mm or degree commanded to its motor; an axis without a value has 1.
     pub gain: BTreeMap<Axis, f64>,
     pub probe: ProbeWiring,
 }
@@ -99,7 +100,7 @@ impl TrueWiring {
 }
 
 impl Wiring {
-    /// The axis that moves when `drive` is commanded.
+    /// The axis that truly moves when `drive` is commanded.
     fn motor_of_drive(&self, drive: Axis) -> Axis {
         let other = self.swapped.iter().find_map(|[one, other]| match drive {
             axis if axis == *one => Some(*other),
@@ -109,6 +110,7 @@ impl Wiring {
         other.unwrap_or(drive)
     }
 
+    /// True travel of the axis `motor` for each commanded mm or degree; negative if the motor is reversed.
     fn signed_motor_gain(&self, motor: Axis) -> f64 {
         let sense = if self.reversed.contains(&motor) { -1.0 } else { 1.0 };
         sense * self.gain.get(&motor).copied().unwrap_or(1.0)

@@ -35,6 +35,7 @@ pub struct RegisteredArtefact {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CertificateState {
+    /// Valid for more than 30 more days.
     Valid,
     /// Valid, for at most 30 more days.
     #[serde(rename = "due_within_30_days")]
@@ -80,6 +81,7 @@ impl RegisteredArtefact {
     }
 }
 
+/// Why the register of artefacts cannot be read or changed, or why a run must not use its artefact.
 #[derive(Debug, thiserror::Error)]
 pub enum ArtefactRegisterError {
     #[error(transparent)]
@@ -117,9 +119,11 @@ impl ArtefactRegisterError {
     }
 }
 
+/// Content of `artefacts.json`.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RegisterFile {
+    /// Version of the file format.
     trued_artefacts: u32,
     artefacts: Vec<RegisteredArtefact>,
 }
@@ -159,6 +163,8 @@ impl ArtefactRegister {
         Ok(replaced)
     }
 
+    /// Removes the artefact of this name.
+    ///
     /// # Errors
     /// There is no such artefact, or the file cannot be written.
     pub fn remove(&self, name: &str) -> Result<(), ArtefactRegisterError> {
@@ -209,11 +215,13 @@ impl ArtefactRegister {
         }
     }
 
+    /// Replaces the whole register; call under the lock of the file.
     fn replace(&self, artefacts: Vec<RegisteredArtefact>) -> Result<(), ArtefactRegisterError> {
         Ok(self.file.replace(&RegisterFile { trued_artefacts: 1, artefacts })?)
     }
 }
 
+/// `stated` with the certificate of `artefact` and the last day on which it is valid.
 fn with_certificate(stated: &ReportData, artefact: &RegisteredArtefact) -> ReportData {
     ReportData {
         certificate: Some(artefact.certificate.clone()),

@@ -6,19 +6,24 @@ use serde::Serialize;
 
 use super::{AwaitableWrite, Journal, StoreError, StoreFault, columns};
 
-/// A request that changes something.
+/// A request that changes something, or an arming or disarming by a person or by the service.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AuditEntry {
+    /// Name of the access token, name that the person typed, or both; `trued` for the service.
     pub who: String,
+    /// The action in words, such as `signature under run 7`.
     pub what: String,
+    /// Reason that was stated; may be empty.
     pub why: String,
     pub machine: String,
     /// Number of the run in progress or of the signed run, 0 for none.
     pub run: i64,
+    /// `accepted` or `refused: ` with the reason, also with a count of further holds; `done` for an arming or
+    /// disarming.
     pub outcome: String,
 }
 
-/// An entry of the audit log; `seq` counts up.
+/// An entry of the audit log; a larger `seq` is a later entry, of any machine.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StoredAuditEntry {
     pub seq: i64,

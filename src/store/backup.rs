@@ -11,6 +11,7 @@ use super::{RunId, StoreError, StoreFault, checksum, connection, format_identifi
 /// Content of a backup: the newest run, and whether the rows of the journal have checksums.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BackupContent {
+    /// `None`: the journal has no runs.
     pub newest_run: Option<RunId>,
     /// Whether the journal's rows have checksums. A journal that only older versions have opened has none; then
     /// only SQLite's integrity check was made.

@@ -16,9 +16,9 @@ use super::{RunId, StoreFault};
 
 static CRC_32C: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
 
-/// Large tables with the plan, the readings and the results of runs. Their column `run` contains the number of
-/// the run.
-const TABLES_WITH_RUN_COLUMN: [&str; 6] = ["steps", "stages", "readings", "events", "estimates", "signatures"];
+/// Tables with the plan, the readings and the results of runs, which are verified with their run; their column `run`
+/// contains its number. The heads of runs and the tables of the service are not among them.
+const RUN_DATA_TABLES: [&str; 6] = ["steps", "stages", "readings", "events", "estimates", "signatures"];
 
 /// A table whose rows have a checksum.
 struct ChecksummedTable {
@@ -28,6 +28,7 @@ struct ChecksummedTable {
 }
 
 impl ChecksummedTable {
+    /// SQL expression that computes the checksum of a row of this table.
     fn checksum_sql(&self) -> String {
         format!("row_checksum({})", self.checksummed_columns)
     }
@@ -39,6 +40,7 @@ pub(super) fn add_checksum_function(connection: &Connection) -> Result<(), Store
     Ok(connection.create_scalar_function("row_checksum", -1, flags, |row| Ok(row_crc(row)))?)
 }
 
+/// CRC-32C of the values, most significant byte first.
 fn row_crc(values: &Context<'_>) -> [u8; 4] {
     let mut digest = CRC_32C.digest();
     let mut add = |kind: u8, parts: [&[u8]; 2]| {
@@ -86,16 +88,17 @@ pub(super) fn verify_all_rows(connection: &Connection) -> Result<(), StoreFault>
     verify_rows(connection, |_| Some("true".to_owned()))
 }
 
-/// Verifies the heads of runs and the rows that belong to no run: audit log, armings and schedules.
+/// Verifies the heads of runs and the tables that no run owns: audit log, armings, slots, schedules, compensations
+/// and their states.
 pub(super) fn verify_run_heads_and_service_tables(connection: &Connection) -> Result<(), StoreFault> {
-    verify_rows(connection, |table| (!TABLES_WITH_RUN_COLUMN.contains(&table)).then(|| "true".to_owned()))
+    verify_rows(connection, |table| (!RUN_DATA_TABLES.contains(&table)).then(|| "true".to_owned()))
 }
 
-/// Verifies all rows of `run`.
+/// Verifies the head of `run` and its rows in `RUN_DATA_TABLES`.
 pub(super) fn verify_run(connection: &Connection, run: RunId) -> Result<(), StoreFault> {
     verify_rows(connection, |table| match table {
         "runs" => Some(format!("id = {run}")),
-        table => TABLES_WITH_RUN_COLUMN.contains(&table).then(|| format!("run = {run}")),
+        table => RUN_DATA_TABLES.contains(&table).then(|| format!("run = {run}")),
     })
 }
 
@@ -123,6 +126,7 @@ fn verify_rows(connection: &Connection, row_condition: impl Fn(&str) -> Option<S
     Ok(())
 }
 
+/// All tables with a column `checksum`.
 fn checksummed_tables(connection: &Connection) -> Result<Vec<ChecksummedTable>, StoreFault> {
     let select = "SELECT tables.name,
                 group_concat(columns.name, ', ' ORDER BY cid) FILTER (WHERE columns.name <> 'checksum')

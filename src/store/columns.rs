@@ -11,6 +11,7 @@ use serde::de::DeserializeOwned;
 use super::{RunId, StoreFault};
 use machine::record::reading::Reading;
 
+/// Present time (UTC) as the journal stores it.
 pub(super) fn now_text() -> String {
     Timestamp::now().to_string()
 }
@@ -26,7 +27,8 @@ pub(super) fn to_json_with_finite_numbers<T: Serialize + DeserializeOwned>(
     Ok(text)
 }
 
-/// Whether all numbers of `reading` are finite: SQLite would store a NaN as NULL.
+/// Whether position, value and time of `reading` are finite: SQLite would store a NaN as NULL. Temperatures are not
+/// checked here.
 pub(super) fn has_only_finite_numbers(reading: &Reading) -> bool {
     let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
     numbers.chain([reading.t_s]).all(f64::is_finite)
@@ -44,7 +46,7 @@ pub(super) fn select_rows<T>(
     Ok(rows)
 }
 
-/// Rows of `run` that `select` returns, in their order.
+/// Rows of `run` that `select` returns, by their `seq`. `select` has no `WHERE` of its own.
 pub(super) fn select_rows_of_run<T>(
     connection: &Connection,
     select: &str,
@@ -74,6 +76,7 @@ pub(super) fn parse_name_column<T: DeserializeOwned>(row: &Row<'_>, column: usiz
     serde_json::from_value(name.clone().into()).map_err(unknown)
 }
 
+/// Error that becomes [`StoreFault::Damaged`].
 pub(super) fn damaged_column_error(column: usize, why: Box<dyn std::error::Error + Send + Sync>) -> rusqlite::Error {
     rusqlite::Error::FromSqlConversionFailure(column, Type::Text, why)
 }

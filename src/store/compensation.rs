@@ -12,10 +12,12 @@ use super::{AwaitableWrite, Journal, RunId, StoreError, StoreFault, columns};
 pub struct CompensationChange {
     /// Name at the control.
     pub name: String,
+    /// Value of the control before the write.
     pub before_mm: f64,
     /// The value before, as the control stated it. Empty: as `before_mm`, in journals before format 10.
     #[serde(default)]
     pub before_text: String,
+    /// Value to be written.
     pub after_mm: f64,
 }
 
@@ -31,7 +33,8 @@ pub enum CompensationState {
     Written,
     /// A later run has measured what the estimate of the compensation predicts.
     Verified,
-    /// A later run has measured something else.
+    /// A later run has measured something else than predicted. The values stay in the control, and the machine may
+    /// move.
     NotConfirmed,
     /// The return to the values before may be incomplete.
     Undoing,
@@ -55,7 +58,7 @@ impl CompensationState {
         }
     }
 
-    /// Whether the machine must not move.
+    /// Whether the machine must not move: a write or an undo may be incomplete, or the control must be started again.
     pub fn forbids_motion(self) -> bool {
         !matches!(self, Self::Written | Self::Verified | Self::NotConfirmed | Self::Undone)
     }
@@ -76,6 +79,7 @@ impl CompensationState {
 #[error("compensation {id} is unfinished: {}", self.reason())]
 pub struct UnfinishedCompensation {
     pub id: i64,
+    /// Kind of the values, as a key of `[compensation]`.
     pub target: String,
     state: CompensationState,
 }
@@ -112,31 +116,36 @@ pub struct NewCompensation {
     pub target: String,
     /// Run whose estimate is the reason.
     pub run: RunId,
+    /// Person who writes the compensation.
     pub who: String,
-    /// Hash of the approved proposal.
+    /// SHA-256 of the approved proposal.
     pub proposal_sha256: String,
     pub changes: Vec<CompensationChange>,
 }
 
+/// A compensation with its last state.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StoredCompensation {
     pub id: i64,
     pub machine: String,
+    /// Kind of the values, as a key of `[compensation]`.
     pub target: String,
+    /// Run whose estimate is the reason for the compensation.
     pub run: RunId,
     pub changes: Vec<CompensationChange>,
     pub state: CompensationState,
-    /// Time of the state, and the person who caused it.
+    /// Time at which the state was stored.
     pub at: Timestamp,
+    /// Person who caused the state.
     pub who: String,
-    /// Run that is the reason for the state; absent unless it is a verification.
+    /// Run that verified the compensation in its last state; `None`: the last state is no verification.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verified_by: Option<RunId>,
 }
 
 impl StoredCompensation {
-    /// Whether `run` may verify it: the values are in the control, and the run is newer than those of the compensation and
-    /// of its last verification.
+    /// Whether `run` may verify the compensation: the values are in the control and used by it, and the run is newer
+    /// than the run of the compensation and not older than that of its last verification.
     pub fn can_be_verified_by(&self, run: RunId) -> bool {
         let is_newer = run.0 > self.run.0 && self.verified_by.is_none_or(|last| run.0 >= last.0);
         is_newer && !self.state.is_undone() && !self.state.forbids_motion()
@@ -149,18 +158,21 @@ impl StoredCompensation {
     }
 }
 
-/// Event in a history: a compensation took effect, or was undone.
+/// Event in a history: the control began to use the values of a compensation, or the earlier values again.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompensationEvent {
     pub id: i64,
     pub target: String,
+    /// Run whose estimate is the reason for the compensation, also if `is_undone`.
     pub run: RunId,
+    /// Whether the earlier values are used again; `false`: the compensation took effect.
     pub is_undone: bool,
     pub at: Timestamp,
 }
 
 impl Journal {
-    /// Adds the intent to write. Returns the number of the compensation.
+    /// Adds the compensation in state `Writing`, before the first write to the control. Returns the number of the
+    /// compensation.
     pub fn begin_compensation(&self, new: &NewCompensation) -> AwaitableWrite<i64> {
         let new = new.clone();
         self.submit_job(move |connection| insert_compensation(connection, &new))

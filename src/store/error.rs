@@ -20,10 +20,12 @@ pub struct StoreError {
     pub fault: StoreFault,
 }
 
+/// Why the journal cannot be opened, read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreFault {
     #[error("the disk is full")]
     DiskFull,
+    /// Also: the file cannot be opened, or its permissions forbid it.
     #[error("the file is not writable")]
     ReadOnly,
     #[error("another program has locked the file")]

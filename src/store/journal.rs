@@ -15,11 +15,13 @@ use tokio::sync::oneshot;
 use super::durable_dir::{self, JOURNAL_FILE_NAME};
 use super::{StoreError, StoreFault, connection};
 
+/// Job of the writer thread; it sends its own result.
 type WriterJob = Box<dyn FnOnce(&mut Connection) + Send>;
 
 /// The journal of one state directory. Dropping it first completes all submitted jobs.
 pub struct Journal {
     path: PathBuf,
+    /// `None` only while the journal is dropped.
     job_sender: Option<mpsc::Sender<WriterJob>>,
     writer_thread: Option<JoinHandle<()>>,
 }
@@ -63,7 +65,8 @@ impl Journal {
         self.path.parent().unwrap_or(Path::new("."))
     }
 
-    /// As [`Self::open`]; `on_job_done` is called on the writer's thread with the duration of each job.
+    /// As [`Self::open`]; `on_job_done` is called on the writer's thread with the duration of each job, without its
+    /// wait in the queue.
     pub fn open_with_job_callback(
         dir: &Path,
         on_job_done: impl Fn(Duration) + Send + 'static,
@@ -88,6 +91,7 @@ impl Journal {
         Ok(Self { path: path.to_owned(), job_sender: Some(jobs), writer_thread: Some(writer) })
     }
 
+    /// Calls `read` with a new read-only connection, which does not wait for the writer.
     pub(super) fn query<T>(
         &self,
         read: impl FnOnce(&mut Connection) -> Result<T, StoreFault>,
@@ -97,6 +101,7 @@ impl Journal {
             .map_err(StoreError::from_fault_at(&self.path))
     }
 
+    /// Queues `job` for the writer thread. `job` begins and commits its own transaction.
     pub(super) fn submit_job<T: Send + 'static>(
         &self,
         job: impl FnOnce(&mut Connection) -> Result<T, StoreFault> + Send + 'static,
@@ -120,6 +125,7 @@ impl Drop for Journal {
     }
 }
 
+/// Executes the jobs in their order until the sender is dropped.
 fn execute_writer_jobs(
     mut connection: Connection,
     job_queue: &mpsc::Receiver<WriterJob>,

@@ -15,9 +15,11 @@ use super::{durable_dir, sha256_text};
 pub struct LockHolder {
     pub machine: String,
     pub pid: u32,
+    /// Time at which the process locked the machine.
     pub since: Timestamp,
 }
 
+/// Why a machine cannot be locked.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     #[error("machine `{machine}` is in use{}", holder_text(holder.as_ref()))]
@@ -94,6 +96,7 @@ impl MachineLock {
         &self.machine
     }
 
+    /// Replaces the content of the lock file by the data of this process.
     fn write_holder(&self) -> io::Result<()> {
         let machine = self.machine.clone();
         let holder = LockHolder { machine, pid: std::process::id(), since: Timestamp::now() };

@@ -36,7 +36,7 @@ pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), St
     Ok(transaction.commit()?)
 }
 
-/// Copies the journal at `path` in version `found`, before the migration, to a file beside it.
+/// Copies the journal at `path`, of format `found`, before the migration to a file beside it.
 fn copy_journal_before_migration(path: &Path, found: i64) -> Result<(), StoreFault> {
     let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
     let source = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;

@@ -67,8 +67,9 @@ impl std::fmt::Display for RunId {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RunState {
+    /// In progress, or its process died and this is not yet noticed.
     Running,
-    /// Stopped safely; an operator may resume it.
+    /// Stopped by request or by a fault after motion; an operator may resume the run.
     Held,
     /// Measured to its end without a stored estimate. The journal derives this state: `finished` without an
     /// estimate.
@@ -76,6 +77,7 @@ pub enum RunState {
     NotIdentified,
     /// Measured to its end, with an estimate.
     Finished,
+    /// Ended by an error before any motion; not resumable.
     Failed,
     /// The process of the run died; an operator must check the machine before anything else.
     Interrupted,
@@ -122,13 +124,15 @@ pub struct RunSummary {
     pub method: String,
     pub machine: String,
     pub state: RunState,
+    /// Version of the program that began the run.
     pub program_version: String,
+    /// SHA-256 of the text of the machine file, see [`sha256_text`].
     pub config_sha256: String,
     /// Hash of the plan so far, see [`sha256_of_json`].
     pub plan_sha256: String,
-    /// Name in the last signature of the run's last estimate.
+    /// Name in the last signature of the run's last estimate; `None`: this estimate is not signed.
     pub signed: Option<String>,
-    /// Verdict of the run's last estimate.
+    /// Verdict of the run's last estimate; `None`: the run has no estimate.
     pub verdict: Option<Verdict>,
     /// Reason why the run is held, failed or closed; `None` in other states.
     pub end_reason: Option<String>,
@@ -140,6 +144,7 @@ pub struct StoredRun {
     pub summary: RunSummary,
     /// Text of the machine file as it was read.
     pub machine_file_text: String,
+    /// Plan with the steps of all stages that were started, and the interruptions.
     pub plan: Plan,
     /// Stages in the order in which they were started.
     pub stages: Vec<Stage>,
@@ -148,6 +153,7 @@ pub struct StoredRun {
     /// Time at which the last reading was acknowledged; `None` without readings, or if an older version stored
     /// them.
     pub last_reading_stored_at: Option<Timestamp>,
+    /// Events with the times at which they were stored, oldest first.
     pub events: Vec<(Timestamp, RunEvent)>,
     /// Estimates, oldest first; the last one is valid.
     pub estimates: Vec<StoredEstimate>,
@@ -168,6 +174,7 @@ impl StoredRun {
 pub struct RunProgress {
     /// Plan with the steps so far, without interruptions.
     pub plan: Plan,
+    /// Stages in the order in which they were started.
     pub stages: Vec<Stage>,
     /// Step and repeat of each stored touch and scan.
     pub stored_steps_and_repeats: Vec<(u32, u32)>,
@@ -175,11 +182,14 @@ pub struct RunProgress {
     pub last_reading: Option<Reading>,
 }
 
+/// One estimate of a run; a run may have several.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredEstimate {
     pub created: Timestamp,
     pub estimate: Estimate,
+    /// Hash of the estimate, see [`sha256_of_json`].
     pub sha256: String,
+    /// Version of the program that computed the estimate.
     pub program_version: String,
 }
 
@@ -196,14 +206,16 @@ pub enum EstimateSelection {
 #[derive(Debug, Clone, PartialEq)]
 pub struct FinishedRunResult {
     pub run: RunId,
+    /// Time at which the run began.
     pub started: Timestamp,
+    /// Time at which the run was measured to its end; `started` if the journal does not contain it.
     pub ended: Timestamp,
     pub method: String,
     pub verdict: Verdict,
     pub parameters: Vec<Parameter>,
     /// Time from the first to the last reading, s, if the estimate contains it.
     pub first_to_last_reading_s: Option<f64>,
-    /// Mean temperatures over the run's readings; thermometers without a value are left out.
+    /// Mean temperatures over the run's readings, a scan counting as one; thermometers without a value are left out.
     pub temperatures_c: Temperatures,
 }
 

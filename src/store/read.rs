@@ -17,8 +17,9 @@ use machine::record::event::RunEvent;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
-/// Index of the column with a scan's samples.
+/// Index in `SELECT_READINGS` of the column with a scan's samples.
 const SAMPLES_COLUMN_INDEX: usize = 14;
+/// Columns for `run_summary_from_row`, of all runs; column 9 is the text of the machine file.
 pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, machine,
                               CASE WHEN state = 'finished' AND NOT EXISTS
                                        (SELECT 1 FROM estimates WHERE run = runs.id)
@@ -52,6 +53,7 @@ pub(super) const SELECT_FINISHED_RUN_RESULT: &str =
             FROM runs JOIN estimates ON run = runs.id
             WHERE runs.id = ?1 ORDER BY estimates.seq DESC LIMIT 1";
 
+/// Columns for `readings_from_row`.
 pub(super) const SELECT_READINGS: &str = "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
             x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings";
 
@@ -70,8 +72,9 @@ impl Journal {
         Ok(id.map(RunId))
     }
 
-    /// Calls `visit` with the selected estimate of each of the newest `runs_per_method` finished runs of each method on
-    /// `machine`, oldest first. Only one estimate is in memory at a time, as the journal covers years.
+    /// Calls `visit` with the selected estimate of each of the newest `runs_per_method` finished runs with an
+    /// estimate of each method on `machine`, in the order of their numbers, oldest first. Only one estimate is in
+    /// memory at a time, as the journal covers years.
     pub fn visit_finished_run_results(
         &self,
         machine: &str,
@@ -101,7 +104,7 @@ impl Journal {
         })
     }
 
-    /// All data of one run, as of one instant.
+    /// All data of one run, as of one instant, with its checksums verified.
     pub fn load_run(&self, run: RunId) -> Result<StoredRun, StoreError> {
         self.query(|connection| load_run(connection, run))
     }
@@ -194,6 +197,7 @@ pub(super) fn load_plan(connection: &Connection, run: RunId) -> Result<Plan, Sto
     })
 }
 
+/// The plan with the steps so far; its list of interruptions is that of the start.
 fn load_plan_without_interruptions(connection: &Connection, run: RunId) -> Result<Plan, StoreFault> {
     let mut plan: Plan = connection
         .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| parse_json_column(row, 0))

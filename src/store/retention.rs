@@ -17,12 +17,12 @@ impl Journal {
         self.query(|connection| finished_runs_ended_before(connection, before))
     }
 
-    /// Removes the samples of `run`'s scans, one scan per transaction, so that a touch waits for one removal at
-    /// most. An event of the run records the removal. Blocks this thread; returns the number of scans.
+    /// Removes the scans of `run` with all their samples, one scan per transaction, so that a touch waits for one
+    /// removal at most. An event of the run records the removal. Blocks this thread; returns the number of scans.
     ///
     /// # Errors
     /// The journal cannot be written.
-    pub fn remove_scan_samples(&self, run: RunId) -> Result<u32, StoreError> {
+    pub fn remove_scans(&self, run: RunId) -> Result<u32, StoreError> {
         let scans = self.query(|connection| count_scans(connection, run))?;
         if scans == 0 {
             return Ok(0);

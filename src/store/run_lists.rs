@@ -16,6 +16,7 @@ pub struct RunFilter<'a> {
     pub newer_than: Option<RunId>,
     pub machine: Option<&'a str>,
     pub method: Option<&'a str>,
+    /// Only runs in this state; `Finished` excludes `NotIdentified`.
     pub state: Option<RunState>,
     /// Only runs whose last estimate has this verdict.
     pub verdict: Option<Verdict>,
@@ -24,7 +25,7 @@ pub struct RunFilter<'a> {
 /// The newest runs of a machine that were measured to their end.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct NewestMeasuredRuns {
-    /// Result of the newest run with an estimate.
+    /// Result of the newest run with an estimate, from its last estimate.
     pub newest_result: Option<FinishedRunResult>,
     /// The newest run without an estimate, if it is newer than the run of `newest_result`.
     pub newer_run_without_estimate: Option<RunId>,
@@ -56,7 +57,8 @@ impl Journal {
         Ok(runs)
     }
 
-    /// Number of readings of a run, and at most `limit` of them after the first `skipped_count`.
+    /// Number of all readings of a run (each sample of a scan is one), and at most `limit` of them after the first
+    /// `skipped_count`.
     ///
     /// # Errors
     /// The run does not exist, or the journal cannot be read.
@@ -125,6 +127,8 @@ fn newest_result(connection: &Connection, machine: &str) -> Result<Option<Finish
     Ok(Some(row?))
 }
 
+/// Runs of `machine` that were measured to their end and have no estimate, oldest first; only those after
+/// `newer_than`.
 fn select_measured_runs_without_estimate(
     connection: &Connection,
     machine: &str,

@@ -30,7 +30,7 @@ fn is_none(flag: &ReadingFlag) -> bool {
 }
 
 impl Journal {
-    /// Adds all samples of one scan.
+    /// Adds all samples of one scan as one row; without samples nothing is stored.
     pub fn add_scan(&self, run: RunId, samples: &[Reading]) -> AwaitableWrite<()> {
         let samples = samples.to_vec();
         self.submit_job(move |connection| insert_scan(connection, run, &samples))

@@ -11,15 +11,20 @@ use super::{AuditEntry, AwaitableWrite, Journal, RunId, StoreError, StoreFault, 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Arming {
     pub machine: String,
+    /// Number by which the service starts the cycle, from 1.
     pub cycle: u16,
+    /// Person who armed the cycle.
     pub who: String,
+    /// Reason of the arming; may be empty.
     pub why: String,
     pub armed: Timestamp,
+    /// Instant from which on the cycle may not start any more.
     pub until: Timestamp,
-    /// Time and reason of an early end of the arming.
+    /// Time and reason of an early end of the arming: disarmed, or replaced by another arming. `None` also after
+    /// `until`.
     pub ended: Option<(Timestamp, String)>,
-    /// First run of this machine that was held, failed or interrupted after the arming. An acknowledgement does not
-    /// restore the arming.
+    /// First run of this machine that was held, failed or interrupted after the arming, which is no longer valid
+    /// then. An acknowledgement does not restore the arming. `arm_cycle` ignores this value.
     #[serde(rename = "broken")]
     pub broken_by_run: Option<RunId>,
 }
@@ -28,13 +33,15 @@ pub struct Arming {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SlotOutcome {
+    /// The start of the cycle was requested; its result is not known yet.
     Started,
-    /// The run that this slot started has an estimate.
+    /// The run that this slot started has an estimate, whatever its verdict.
     Ran,
-    /// The run that this slot started was not completed.
+    /// The cycle that this slot started ended without an estimate.
     Failed,
+    /// The cycle was not started; `why` contains the reason.
     Skipped,
-    /// The service was not running at the time of the slot.
+    /// The service was not running at the time of the slot, or the clock was set forward over it.
     Missed,
 }
 
@@ -54,11 +61,14 @@ impl SlotOutcome {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScheduleSlot {
     pub machine: String,
+    /// Name of the schedule.
     pub schedule: String,
+    /// Number by which the service starts the cycle, from 1.
     pub cycle: u16,
     /// Planned time of the slot.
     pub at: Timestamp,
     pub outcome: SlotOutcome,
+    /// Reason of the outcome, or the verdict of a run; empty for `Started`.
     pub why: String,
     /// Number of the run, 0 for none.
     pub run: i64,
@@ -106,8 +116,8 @@ impl Journal {
         self.query(|connection| columns::select_rows(connection, select, [], |row| row.get(0)))
     }
 
-    /// Registers the schedules of `machine` by name and calendar. Returns for each schedule the instant up to which its
-    /// slots have an outcome; for a new schedule or a changed calendar, this is `now`.
+    /// Replaces the schedules of `machine`, by name and calendar; others are forgotten. Returns for each schedule the
+    /// instant up to which its slots have an outcome; for a new schedule or a changed calendar, this is `now`.
     pub fn register_schedules(
         &self,
         machine: &str,
@@ -139,13 +149,13 @@ impl Journal {
     }
 
     /// Stores the outcome of a slot. `false`: an earlier outcome exists and is kept. Exceptions: a missed slot may
-    /// still start if the clock is set back, and a started slot gets its final outcome.
+    /// still start if the clock is set back, and a started slot gets its run number and its final outcome.
     pub fn store_slot(&self, slot: &ScheduleSlot) -> AwaitableWrite<bool> {
         let slot = slot.clone();
         self.submit_job(move |connection| upsert_slot(connection, &slot))
     }
 
-    /// The newest slots of `machine`, newest first.
+    /// At most `limit` slots of `machine`, latest planned time first.
     ///
     /// # Errors
     /// The journal cannot be read.
@@ -154,6 +164,7 @@ impl Journal {
     }
 }
 
+/// As [`Journal::arm_cycle`]. Slots after the arming count again if a wrong clock had settled them.
 fn insert_arming(connection: &mut Connection, arming: &Arming) -> Result<(), StoreFault> {
     let Arming { machine, cycle, who, why, armed, until, .. } = arming;
     let transaction = write::begin_transaction(connection)?;
@@ -172,7 +183,7 @@ fn insert_arming(connection: &mut Connection, arming: &Arming) -> Result<(), Sto
     Ok(transaction.commit()?)
 }
 
-/// Ends the armings that have not ended before.
+/// Ends the armings that have not ended before; returns them as they were.
 fn end_armings(
     transaction: &Transaction<'_>,
     machine: &str,
@@ -244,6 +255,7 @@ fn first_run_broken_after_event(
     Ok(found.optional()?)
 }
 
+/// As [`Journal::store_slot`]; also advances the instant up to which the slots of the schedule have an outcome.
 fn upsert_slot(connection: &mut Connection, slot: &ScheduleSlot) -> Result<bool, StoreFault> {
     let ScheduleSlot { machine, schedule, cycle, at, outcome, why, run } = slot;
     let (at, outcome) = (slot_time_text(*at), outcome.as_str());
@@ -286,7 +298,7 @@ fn slot_from_row(machine: &str, row: &Row<'_>) -> rusqlite::Result<ScheduleSlot>
     })
 }
 
-/// Slots are rounded down to whole seconds, so that the same instant gives the same text.
+/// Text of a slot's time, rounded down to a whole second, so that the same instant gives the same text.
 fn slot_time_text(at: Timestamp) -> String {
     floor_to_whole_second(at).to_string()
 }

@@ -243,6 +243,7 @@ pub(super) fn empty_journal_in_memory(format: i64) -> Result<Connection, StoreFa
     Ok(connection)
 }
 
+/// Format that the file states; 0 for an empty file.
 pub(super) fn format_version(connection: &Connection) -> Result<i64, StoreFault> {
     Ok(connection.pragma_query_value(None, "user_version", |row| row.get(0))?)
 }

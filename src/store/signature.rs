@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{AwaitableWrite, Journal, RunId, StoreFault, columns};
 
-/// Signature of a person under an estimate.
+/// Signature of a person, by name, under an estimate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EstimateSignature {
     pub who: String,

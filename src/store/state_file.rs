@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 
 use super::durable_dir::remove_file_if_exists;
 
+/// Why a file of the state directory cannot be read, locked or replaced.
 #[derive(Debug, thiserror::Error)]
 pub enum StateFileError {
     #[error("{path}: {source}", path = path.display())]
@@ -79,7 +80,8 @@ impl StateFile {
         }
     }
 
-    /// Locks the file against changes by other processes until the returned file is dropped. Creates the folder.
+    /// Waits until no other process holds the lock, then locks the file against changes by other processes until the
+    /// returned file is dropped. Creates the folder.
     ///
     /// # Errors
     /// The lock file cannot be created or opened.
@@ -117,8 +119,8 @@ impl StateFile {
         self.path.parent().unwrap_or(Path::new("."))
     }
 
-    /// Gives the new `file` at `path` to the daemon's user, because the daemon could not read another user's file. The
-    /// daemon's user is the owner of the existing file or, without one, of the folder.
+    /// Gives the new `file` at `path` to the daemon's user, because the daemon could not read another user's file.
+    /// The daemon's user is the owner of the existing file or, without one or if root owns it, of the folder.
     fn give_to_daemon_user(&self, file: File, path: &Path) -> Result<File, StateFileError> {
         let failed = |error| self.file_error(error);
         let own = file.metadata().map_err(failed)?.uid();
@@ -142,7 +144,7 @@ impl StateFile {
     }
 }
 
-/// Creates a new file that only this user can access; does not follow a symbolic link.
+/// Creates a new file that only this user can access; fails if the file exists, also as a symbolic link.
 fn create_private_file(path: &Path) -> io::Result<File> {
     File::options().write(true).create_new(true).mode(0o600).open(path)
 }

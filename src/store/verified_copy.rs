@@ -8,8 +8,8 @@ use rusqlite::backup::{Backup, StepResult};
 
 use super::{StoreFault, durable_dir};
 
-/// Copies the journal to `file`. The copy gets this name only after it is complete, accepted by `verify` and on the
-/// disk. Returns the result of `verify`.
+/// Copies the journal to `file`, which must not exist. The copy gets this name only after it is complete, accepted by
+/// `verify` and on the disk. Returns the result of `verify`.
 pub(super) fn copy_verified<T>(
     source: &Connection,
     file: &Path,
@@ -34,6 +34,7 @@ pub(super) fn copy_verified<T>(
     Ok(verified_result)
 }
 
+/// Name of the copy until it is complete: that of `file` with `.part` at the end.
 fn partial_copy_path(file: &Path) -> PathBuf {
     let mut name = file.file_name().unwrap_or_default().to_owned();
     name.push(".part");

@@ -33,11 +33,13 @@ impl Journal {
         })
     }
 
+    /// Adds the reading of one touch or of one sensor value; a second one of the same touch is refused.
     pub fn add_reading(&self, run: RunId, reading: &Reading) -> AwaitableWrite<()> {
         let reading = reading.clone();
         self.submit_job(move |connection| insert_reading(connection, run, &reading))
     }
 
+    /// Adds an event; `Resumed` also adds an interruption to the plan.
     pub fn add_event(&self, run: RunId, event: &RunEvent) -> AwaitableWrite<()> {
         let event = event.clone();
         self.submit_job(move |connection| insert_event(connection, run, &event))
@@ -58,7 +60,8 @@ impl Journal {
         })
     }
 
-    /// Sets the state of the run.
+    /// Sets the state of the run and the time of its end. `NotIdentified` is stored as `Finished`; both also store
+    /// the mean temperatures of the run.
     pub fn set_state(&self, run: RunId, state: RunState) -> AwaitableWrite<()> {
         self.submit_job(move |connection| set_state(connection, run, state))
     }
@@ -75,6 +78,7 @@ impl Journal {
     }
 }
 
+/// Stores the head of the plan and its steps in separate tables.
 fn insert_run(connection: &mut Connection, new: &NewRun) -> Result<RunId, StoreFault> {
     let head = Plan { steps: Vec::new(), ..new.plan.clone() };
     let transaction = begin_transaction(connection)?;
@@ -108,6 +112,7 @@ fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Resul
     hash_plan(transaction, run)
 }
 
+/// Stores the hash of the plan with its steps and interruptions so far.
 fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), StoreFault> {
     let hash = sha256_text(&to_json_with_finite_numbers("the plan", &read::load_plan(transaction, run)?)?);
     transaction.execute("UPDATE runs SET plan_sha256 = ?2 WHERE id = ?1", params![run.0, hash])?;
@@ -161,6 +166,7 @@ fn insert_event(connection: &mut Connection, run: RunId, event: &RunEvent) -> Re
     Ok(transaction.commit()?)
 }
 
+/// As [`Journal::set_state`].
 fn set_state(connection: &mut Connection, run: RunId, state: RunState) -> Result<(), StoreFault> {
     let ended = (state != RunState::Running).then(now_text);
     let is_measured = matches!(state, RunState::NotIdentified | RunState::Finished);
@@ -178,8 +184,8 @@ fn set_state(connection: &mut Connection, run: RunId, state: RunState) -> Result
     Ok(transaction.commit()?)
 }
 
-/// Mean of each thermometer over the readings with a value. A scan counts as one reading; readings before an
-/// interruption count as well.
+/// Stores the mean of each thermometer over the readings with a value. A scan counts as one reading; readings before
+/// an interruption count as well.
 fn update_mean_temperatures(transaction: &Transaction<'_>, run: RunId) -> Result<(), StoreFault> {
     transaction.execute(
         "UPDATE runs SET temperatures_c =

@@ -9,6 +9,7 @@ use machine::Axis;
 use machine::record::machine::{AxisSense, Machine};
 use methods::compensation::{ControlModel, ControlValue, ControlledTravel, TravelEntry};
 
+/// Compensation values in the compensation files (`COMP_FILE`) of LinuxCNC, for linear axes.
 #[derive(Debug)]
 pub struct LinuxcncJointTables<'a> {
     machine: &'a Machine,
@@ -61,6 +62,7 @@ impl CompensationTarget for LinuxcncJointTables<'_> {
         true
     }
 
+    /// Writes the files and reads them back; LinuxCNC uses the values after its next start.
     fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), TargetError> {
         Ok(self.tables.write(values)?)
     }
@@ -69,6 +71,8 @@ impl CompensationTarget for LinuxcncJointTables<'_> {
         true
     }
 
+    /// Checks that LinuxCNC uses the values of the files; `replaced`: names and values (mm) that it must not use any
+    /// more.
     fn check_in_effect(&self, replaced: &[(String, f64)]) -> Result<(), TargetError> {
         let mut before = self.tables.read()?;
         for table in &mut before {

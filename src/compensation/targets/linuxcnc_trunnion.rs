@@ -10,6 +10,7 @@ use machine::kinematics::KinematicChain;
 use machine::record::machine::Machine;
 use methods::compensation::{ControlModel, ControlValue, TrunnionPins};
 
+/// Compensation values in the HAL pins of LinuxCNC's kinematics of a tilting rotary table.
 #[derive(Debug)]
 pub struct LinuxcncTrunnion<'a> {
     machine: &'a Machine,
@@ -47,6 +48,7 @@ impl CompensationTarget for LinuxcncTrunnion<'_> {
         Ok(self.trunnion.check_writable()?)
     }
 
+    /// Writes and reads back one pin after another; an error leaves the earlier pins changed.
     fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), TargetError> {
         Ok(values.iter().try_for_each(|value| self.trunnion.write(value.name, value.text))?)
     }
@@ -62,6 +64,7 @@ impl CompensationTarget for LinuxcncTrunnion<'_> {
             .to_owned()
     }
 
+    /// Lines of a HAL file that set the pins.
     fn startup_lines(&self, values: &[ControlValue]) -> Option<String> {
         Some(values.iter().map(|value| format!("setp {} {}\n", value.name, value.text)).collect())
     }

@@ -21,6 +21,7 @@ pub struct WorkOffsetTarget<'a> {
     file: &'a MachineFile,
     slot: WorkOffsetSlot,
     control: &'a dyn ControllerConfig,
+    /// As [`rotary_centre`]; the component of each is the axis of its value in the work offset.
     coordinates: Vec<RotaryAxisCoordinate>,
     runtime: Runtime,
     open_controller: OnceCell<Controller>,
@@ -52,6 +53,7 @@ impl<'a> WorkOffsetTarget<'a> {
         })
     }
 
+    /// The open control; the first call opens all devices of the machine file.
     fn controller(&self) -> Result<&Controller, TargetError> {
         if let Some(controller) = self.open_controller.get() {
             return Ok(controller);
@@ -67,7 +69,8 @@ impl<'a> WorkOffsetTarget<'a> {
         Ok(offset)
     }
 
-    /// The centre of rotation is that with the rotary axes of the machine at zero.
+    /// Refuses a slot with an offset of the tilting axis: the centre of rotation is valid with the rotary axes of the
+    /// machine at zero.
     fn check_tilting_axis_at_zero(&self, rotary_deg: &[(Axis, f64)]) -> Result<(), TargetError> {
         let is_tilting = |axis: Axis| self.coordinates.iter().any(|own| own.axis == axis && own.component == Axis::Z);
         match rotary_deg.iter().find(|(axis, deg)| is_tilting(*axis) && *deg != 0.0) {
@@ -76,10 +79,12 @@ impl<'a> WorkOffsetTarget<'a> {
         }
     }
 
+    /// Name of a value, such as `G54 X`.
     fn value_name(&self, axis: Axis) -> String {
         format!("{} {axis}", self.slot)
     }
 
+    /// Axis of the value `name`; `None` if the work offset has no such value.
     fn axis_of(&self, name: &str) -> Option<Axis> {
         let mut axes = self.coordinates.iter().map(|coordinate| coordinate.component);
         axes.find(|axis| self.value_name(*axis) == name)
@@ -137,6 +142,7 @@ impl CompensationTarget for WorkOffsetTarget<'_> {
         true
     }
 
+    /// Writes all values in one block and reads them back.
     fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), TargetError> {
         let parse = |value: &ValueToWrite<'_>| Some((self.axis_of(value.name)?, value.text.parse().ok()?));
         let zero_mm: Option<Vec<(Axis, f64)>> = values.iter().map(parse).collect();

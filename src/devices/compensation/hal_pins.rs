@@ -57,6 +57,7 @@ impl HalError {
 struct PinState {
     /// Value of the pin; 0 or 1 for a bit pin.
     value: f64,
+    /// Signal that sets the pin; `None` if no signal does, also for an output.
     signal: Option<String>,
 }
 
@@ -64,6 +65,7 @@ struct PinState {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ComponentPins {
     component: String,
+    /// By names without the component; only float and bit pins.
     pins: BTreeMap<String, PinState>,
 }
 
@@ -118,7 +120,7 @@ impl HalcmdClient {
         [std::slice::from_ref(&self.program), &self.first_arguments].concat().join(" ")
     }
 
-    /// The float and bit pins of `component`.
+    /// The float and bit pins of `component`; a component that does not exist has no pins.
     ///
     /// # Errors
     /// `halcmd` fails; a value is not a number.
@@ -129,7 +131,7 @@ impl HalcmdClient {
         Ok(ComponentPins { component: component.to_owned(), pins })
     }
 
-    /// Sets the pin `name`.
+    /// Sets the pin with the full name `name`, such as `component.pin`.
     ///
     /// # Errors
     /// `halcmd` fails.

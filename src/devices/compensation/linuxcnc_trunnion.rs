@@ -54,7 +54,7 @@ impl TrunnionError {
 pub struct TrunnionState {
     /// A or B.
     pub tilting_axis: Axis,
-    /// Sense of both rotary axes.
+    /// Sense of both rotary axes; reversed if the control has no pin for it.
     pub sense: AxisSense,
     pub x_rot_point: f64,
     pub y_rot_point: f64,

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::controllers::WorkOffsetSlot;
 use crate::controllers::linuxcnc::IniFile;
 
+/// Maximum number of programs that are searched; further programs count as not searched.
 const MAX_PROGRAMS: usize = 1000;
 /// Of a longer program only the beginning is searched.
 const MAX_PROGRAM_BYTES: u64 = 4_000_000;
@@ -15,14 +16,14 @@ const MAX_PROGRAM_BYTES: u64 = 4_000_000;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProgramSearch {
     pub folder: PathBuf,
-    /// Those with the word.
+    /// Names of those that select the work offset.
     pub found: Vec<String>,
-    /// Those that were not searched to their end.
+    /// Number of those that were not searched to their end, or not at all. A program in `found` may count as well.
     pub unsearched_count: usize,
 }
 
-/// Searches the `.ngc` files of `[DISPLAY]PROGRAM_PREFIX`, without its subfolders. `None`: the INI file names no folder that
-/// can be read.
+/// Searches the `.ngc` files of `[DISPLAY]PROGRAM_PREFIX`, without its subfolders. `None`: the INI file names no
+/// folder that can be read.
 pub fn programs_with_slot(ini: &Path, slot: WorkOffsetSlot) -> Option<ProgramSearch> {
     let prefix = IniFile::read(ini).ok()?.value("DISPLAY", "PROGRAM_PREFIX")?.to_owned();
     let folder = match prefix.strip_prefix("~/") {

@@ -12,7 +12,7 @@ use machine::{Axis, Position};
 /// machine that can measure, and too small to cause a collision.
 const ARRIVAL_TOLERANCE_MM_OR_DEG: f64 = 0.02;
 
-/// Largest permitted distance of an axis from its target, mm or rad.
+/// Largest permitted distance of an axis from its target, mm or rad; at least two steps of a linear axis.
 pub(in crate::controllers) fn axis_tolerance(axis: Axis, spec: Option<&StatedAxis>) -> f64 {
     let step_mm = spec.map_or(0.0, |spec| spec.resolution_um * 1e-3);
     if axis.is_linear() {
@@ -83,8 +83,9 @@ impl AxisMonitor {
         }
     }
 
+    /// Largest permitted distance of an axis from its target, mm or rad; infinite for the spindle and for axes that
+    /// the machine file does not name: they are not checked.
     fn tolerance(&self, axis: Axis) -> f64 {
-        // Axes that the machine file does not name, and the spindle, are not checked.
         self.tolerances.get(&axis).copied().unwrap_or(f64::INFINITY)
     }
 
@@ -118,7 +119,7 @@ impl AxisMonitor {
     }
 }
 
-/// Braking distance of each axis from rapid at the set acceleration, v²/2a, from the machine file.
+/// Sentence with the braking distance of each axis from rapid at the set acceleration, v²/2a, from the machine file.
 pub(in crate::controllers) fn describe_braking_distances(machine: &Machine) -> String {
     let braking = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S).map(|(axis, spec)| {
         let speed = spec.rapid_per_min / 60.0;

@@ -8,7 +8,8 @@ const MAX_CLOCK_TIME_S: f64 = 1e11;
 /// Largest time between two blocks of one preparation, s. A longer pause is for the operator: after it the control is
 /// prepared again.
 const MAX_TIME_BETWEEN_BLOCKS_S: f64 = 86_400.0;
-/// Coarsest resolution of a clock, s: a clock may count in whole seconds.
+/// Coarsest resolution of a clock, s: a clock may count in whole seconds, so a time may be earlier than the one
+/// before by this much.
 const COARSEST_CLOCK_RESOLUTION_S: f64 = 1.0;
 
 /// Checks the times of a control's clock since the last preparation.

@@ -12,7 +12,7 @@ use machine::record::machine::{AxisSense, Machine};
 pub struct DeviceInfo {
     /// Name and version as reported.
     pub identity: String,
-    /// All axes that the control drives.
+    /// All axes that the control drives; if the control does not report them, those of the machine file.
     pub axes: BTreeMap<Axis, ReportedAxisProperties>,
     /// Remarks on settings and states that prevent a measurement or that the operator must know.
     pub findings: Vec<ReadinessFinding>,
@@ -29,7 +29,7 @@ pub struct ReportedAxisProperties {
     pub travel_min: Option<f64>,
     /// Upper end of the travel, in machine coordinates.
     pub travel_max: Option<f64>,
-    /// Length of the travel, if the control reports it without the ends.
+    /// Length of the travel; a control may report it without the ends.
     pub travel_length: Option<f64>,
     /// Whether the control homes the axis.
     pub has_homing: Option<bool>,

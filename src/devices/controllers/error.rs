@@ -23,6 +23,7 @@ pub enum ControllerError {
     EmergencyStop,
     #[error("the machine has switched off{}{message}", if message.is_empty() { "" } else { ": " })]
     MachineSwitchedOff { message: String },
+    /// A running program is paused, stands still for too long, or has a feed override of 0 %; the driver aborts it.
     #[error("the program is paused at the control: {reason}")]
     ProgramPaused { reason: String },
     #[error("the control has stopped working: the control accepts no command, and its status is out of date")]
@@ -43,6 +44,7 @@ pub enum ControllerError {
     UnsupportedByControl { reason: String, remedy: String },
     #[error("step {step}: no contact before the end of the probing move")]
     NoContact { step: u32 },
+    /// Contact during a positioning or a guarded move.
     #[error("step {step}: unexpected contact during a positioning move")]
     UnexpectedContact { step: u32 },
     #[error("step {step}: the probe reads closed where the stylus must be free")]
@@ -51,10 +53,12 @@ pub enum ControllerError {
     ControlReset { banner: String },
     #[error("unexpected reply `{reply}` from the control: the replies may belong to other lines")]
     UnexpectedReply { reply: String },
+    /// Positions of the axis with the largest deviation, in mm or degrees, such as `X12.000`.
     #[error("the machine is at {actual}, not at {expected}")]
     WrongPosition { expected: String, actual: String },
     #[error("step {step}: the control reports one touch with two results, `{first}` and `{second}`")]
     TouchMismatch { step: u32, first: String, second: String },
+    /// A hold at the control that the driver did not request; with Grbl also an open door or a tool change.
     #[error("held at the machine: the control reports {state}")]
     HeldAtControl { state: String },
     #[error("invalid time from the control, {name} = {t_s:?} s: {reason}")]

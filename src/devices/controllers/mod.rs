@@ -88,6 +88,7 @@ pub struct PreparedControl {
     pub stop_description: String,
     /// Position of the machine, machine coordinates: every axis that the control reports.
     pub position: Position,
+    /// Form in which the driver requires the blocks.
     pub transmission: TransmissionForm,
     /// Items of the readiness list that the driver cannot read on this control.
     pub unreadable_items: Vec<ReadinessItem>,
@@ -122,8 +123,8 @@ pub trait ControllerDriver: Send + 'static {
     fn read_snapshot(&mut self) -> impl Future<Output = Result<MachineSnapshot, ControllerError>> + Send;
     /// Reads the control's properties, prepared or not. Nothing moves and nothing is set.
     fn identify_device(&mut self) -> impl Future<Output = Result<DeviceInfo, ControllerError>> + Send;
-    /// Reads the tool centre as the control computes it with tool centre point control switched on. Nothing moves, and it
-    /// is off again afterwards. `None`: the machine file does not state how to switch it.
+    /// Reads the tool centre as the control computes it with tool centre point control switched on. Nothing moves,
+    /// and it is off again afterwards. `None`: the machine file does not state how to switch it.
     fn read_tool_centre(&mut self) -> impl Future<Output = Result<Option<ToolCentreReading>, ControllerError>> + Send {
         async { Ok(None) }
     }
@@ -134,16 +135,17 @@ pub trait ControllerDriver: Send + 'static {
     /// Restores what `prepare` has changed: the modal state, and the probe if `prepare` switched it on.
     fn restore_modes(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
     /// Reads a work offset of a machine at rest, prepared or not. Refuses an active G92 and a rotation. Nothing moves.
-    /// Afterwards the control must be prepared before the next block.
+    /// Afterwards the control must be prepared before the next block. Default: an error, because the control does not
+    /// support the request.
     fn read_work_offset(
         &mut self,
         _slot: WorkOffsetSlot,
     ) -> impl Future<Output = Result<WorkOffset, ControllerError>> + Send {
         async { Err(work_offset::unsupported_error()) }
     }
-    /// Sets the zero of a work offset on these axes, machine coordinates, mm, by `G10 L2`, at a machine at rest. It needs
-    /// no proof: `G10 L2` moves no axis, and no proven block depends on the slot, which is not that of the dialect.
-    /// Afterwards the control must be prepared before the next block.
+    /// Sets the zero of a work offset on these axes, machine coordinates, mm, by `G10 L2`, at a machine at rest. It
+    /// needs no proof: `G10 L2` moves no axis, and no proven block depends on the slot, which is not that of the
+    /// dialect. Afterwards the control must be prepared before the next block. Default: an error, as for reading.
     fn write_work_offset(
         &mut self,
         _slot: WorkOffsetSlot,
@@ -167,6 +169,7 @@ fn require_prepared(is_prepared: bool, is_halt_requested: bool) -> Result<(), Co
 /// Holds the machine at its position, whatever else is pending. Cloneable; works from any thread.
 #[derive(Clone)]
 pub struct HaltHandle {
+    /// Set by the first halt and never reset.
     is_halt_requested: Arc<AtomicBool>,
     send_hold: Arc<dyn Fn() + Send + Sync>,
 }
@@ -177,6 +180,7 @@ impl HaltHandle {
         Self { is_halt_requested: Arc::new(AtomicBool::new(false)), send_hold: Arc::new(send_hold) }
     }
 
+    /// Requests the halt and sends the hold; a repeated call sends the hold again.
     pub fn trigger(&self) {
         self.is_halt_requested.store(true, Ordering::SeqCst);
         (self.send_hold)();
@@ -226,6 +230,7 @@ impl Controller {
         self.halt.clone()
     }
 
+    /// Prepares the control: see [`ControllerDriver::prepare`].
     pub async fn prepare(&self) -> Result<PreparedControl, ControllerError> {
         self.send_request(DriverRequest::Prepare).await
     }
@@ -235,10 +240,12 @@ impl Controller {
         self.send_request(DriverRequest::PrepareInContact).await
     }
 
+    /// Executes one block; returns when the machine is at rest and the result is known.
     pub async fn execute(&self, block: ProvenBlock) -> Result<MotionBlockOutcome, ControllerError> {
         self.send_request(|answer| DriverRequest::Execute(block, answer)).await
     }
 
+    /// Reads position and probe of the machine at rest.
     pub async fn read_snapshot(&self) -> Result<MachineSnapshot, ControllerError> {
         self.send_request(DriverRequest::ReadSnapshot).await
     }
@@ -248,14 +255,17 @@ impl Controller {
         self.send_request(DriverRequest::ReadToolCentre).await
     }
 
+    /// Reads the properties of the control; nothing moves and nothing is set.
     pub async fn identify_device(&self) -> Result<DeviceInfo, ControllerError> {
         self.send_request(DriverRequest::IdentifyDevice).await
     }
 
+    /// Restores what `prepare` has changed.
     pub async fn restore_modes(&self) -> Result<(), ControllerError> {
         self.send_request(DriverRequest::RestoreModes).await
     }
 
+    /// See [`ControllerDriver::read_work_offset`].
     pub async fn read_work_offset(&self, slot: WorkOffsetSlot) -> Result<WorkOffset, ControllerError> {
         self.send_request(|answer| DriverRequest::ReadWorkOffset(slot, answer)).await
     }

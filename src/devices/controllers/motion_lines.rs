@@ -12,13 +12,18 @@ pub(in crate::controllers) const MAX_ORIENT_TIME: Duration = Duration::from_secs
 
 /// One motion and the lines that command it.
 pub(in crate::controllers) struct MotionLines<'a> {
+    /// Step number of the block, for errors.
     pub step: u32,
     pub motion: &'a Motion,
+    /// One or more lines.
     pub text: &'a str,
-    /// Maximum time for which the machine is at rest in these lines.
+    /// Maximum time for which the machine is at rest in these lines: dwell, orientation of the spindle, waits for
+    /// clamps.
     pub planned_standstill_time: Duration,
 }
 
+/// Returns the lines of the block, one entry per motion, in order.
+///
 /// # Errors
 /// The block differs from the proven one, or was proven for another transmission.
 pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<MotionLines<'_>>, ControllerError> {
@@ -38,6 +43,7 @@ pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<Mo
     lines.collect()
 }
 
+/// Maximum time at rest that the motion itself needs, without waits for clamps.
 fn planned_standstill_time(motion: &Motion) -> Duration {
     match motion {
         Motion::Dwell { seconds } => duration_or_zero(*seconds),

@@ -23,7 +23,7 @@ pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &C
         (LinkError::NoUniquePort { id, available }, _) => no_port_with_id_diagnosis(id, available),
         (LinkError::PermissionDenied { address }, _) => permission_denied_diagnosis(address),
         (LinkError::Busy { address }, _) => port_in_use_diagnosis(address),
-        (LinkError::OpenFailed { address, source }, LinkConfig::Tcp(_)) => host_unreachable_diagnosis(address, source),
+        (LinkError::OpenFailed { address, source }, LinkConfig::Tcp(_)) => tcp_open_failure_diagnosis(address, source),
         _ => return Vec::new(),
     };
     vec![diagnosis]
@@ -38,7 +38,8 @@ fn connection_refused_diagnosis(address: &str) -> PossibleCause {
     )
 }
 
-fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> PossibleCause {
+/// The host does not answer; or, if `source` is no network error, its name is unknown.
+fn tcp_open_failure_diagnosis(address: &str, source: &std::io::Error) -> PossibleCause {
     use std::io::ErrorKind as Kind;
     match source.kind() {
         Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => PossibleCause::observed(
@@ -73,6 +74,7 @@ fn port_missing_diagnosis(address: &str, devices: &Path) -> PossibleCause {
     PossibleCause::observed(format!("wrong port: this computer has no {address}"), others, remedy)
 }
 
+/// Paths of the serial ports with [`SERIAL_PORT_PREFIXES`] in the folder `devices`, sorted.
 fn list_serial_ports(devices: &Path) -> Vec<String> {
     let entries = fs::read_dir(devices).into_iter().flatten().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());

@@ -20,7 +20,7 @@ use link::{LineEvent, LinkAddress, LinkConfig};
 pub(in crate::controllers) const BAUD_RATES: [u32; 9] =
     [115_200, 250_000, 57_600, 38_400, 19_200, 9_600, 230_400, 460_800, 921_600];
 
-/// Maximum time for a reply to the request that identifies a control.
+/// Maximum time for a reply to the request that identifies a control, its repetitions included.
 const GREETING_TIMEOUT: Duration = Duration::from_millis(1200);
 const GREETING_RETRY_INTERVAL: Duration = Duration::from_millis(300);
 /// Maximum time for a Modbus reply. A reply of a few bytes at 9600 baud takes 10 ms.

@@ -16,14 +16,19 @@ use super::{Sample, SampleCounters, SamplePredicate, SensorError, SensorInfo, Se
 use link::SensorRequestCapture;
 use machine::record::reading::ReadingFlag;
 
+/// Request of a capture; its reply is the line of [`info_line`].
 pub const PREPARE_REQUEST: &str = "prepare";
+/// Request of a capture; its replies are all samples of the watch.
 pub const WATCH_REQUEST: &str = "watch";
+/// Column of a sample without a value, or without a flag.
 const EMPTY_COLUMN: &str = "-";
 
+/// Request of a capture that reads `count` samples.
 pub fn read_request_line(count: u32) -> String {
     format!("take {count}")
 }
 
+/// Line of the reply to [`PREPARE_REQUEST`]: sample rate in Hz, then the identity.
 pub fn info_line(SensorInfo { identity, sample_rate_hz }: &SensorInfo) -> String {
     format!("{sample_rate_hz} {}", identity.replace('\n', " "))
 }

@@ -8,7 +8,7 @@ use machine::record::reading::ReadingFlag;
 /// Follows the sample counter of a sensor.
 #[derive(Default)]
 pub struct CounterTracker {
-    /// Number of samples after which the counter restarts.
+    /// Number of samples after which the counter restarts; `None`: the sensor has no counter.
     modulus: Option<u64>,
     /// Count of the previous sample.
     last_count: Option<u64>,
@@ -20,7 +20,8 @@ pub struct CounterTracker {
     is_count_unchanged: bool,
     /// Whether so much time has passed that the counter may have wrapped to the same count.
     may_have_wrapped: bool,
-    /// Number of samples that were not requested, as far as the counter shows.
+    /// Number of samples in ignored gaps, as far as the counter shows: the sensor made them, but they were not
+    /// requested.
     unrequested_count: u64,
 }
 
@@ -62,6 +63,8 @@ impl CounterTracker {
         self.is_count_unchanged
     }
 
+    /// Converts `decoded`, received at `t_s`, to a sample. An unchanged count gives a stale sample without a value; a
+    /// sample after a loss has the flag `Gap`, unless its value has another flag.
     pub fn complete_sample(&mut self, t_s: f64, decoded: DecodedSample) -> Sample {
         let DecodedSample { value_mm: value, counter_value: counter, wrapped_encoder_count: encoder_count } = decoded;
         let missing = counter.map_or(Some(0), |count| self.count_missing(count));

@@ -5,11 +5,11 @@
 /// Largest modulus: the count of a wider or unlimited counter is read modulo this value.
 pub(super) const COUNT_MODULUS_CAP: u64 = 1 << 32;
 
-/// Number of counts after which the counter of the table `key` restarts: `declared_modulus`, or the capacity of `bits`
-/// if `declared_modulus` is `None`.
+/// Number of counts after which the counter of the table `key` restarts: `declared_modulus`, or, if it is `None`, the
+/// capacity of `bits`, at most [`COUNT_MODULUS_CAP`].
 ///
 /// # Errors
-/// `declared_modulus` is below 2, or more than `bits` can hold.
+/// `declared_modulus` is below 2, or more than that capacity.
 pub(super) fn resolve_modulus(key: &str, declared_modulus: Option<u64>, bits: u16) -> Result<u64, String> {
     let max_modulus = 1_u64.checked_shl(u32::from(bits)).unwrap_or(COUNT_MODULUS_CAP).min(COUNT_MODULUS_CAP);
     match declared_modulus {

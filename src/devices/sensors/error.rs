@@ -27,6 +27,8 @@ pub enum SensorError {
 }
 
 impl SensorError {
+    /// Whether the communication failed: any error of the link, of Modbus or of CAN, or silence; not the content of
+    /// the data.
     pub fn is_link_error(&self) -> bool {
         matches!(self, Self::Link(_) | Self::Modbus(_) | Self::Can(_) | Self::Silent { .. })
     }

@@ -15,6 +15,7 @@ use machine::record::reading::ReadingFlag;
 #[serde(deny_unknown_fields)]
 pub struct FrameValueKeys {
     byte: u16,
+    /// Number of bits below the number, in its first byte (little-endian) or its last byte (big-endian).
     #[serde(default)]
     bit: u16,
     /// Width of the number, bits.
@@ -31,9 +32,11 @@ pub struct FrameValueKeys {
     codes: Vec<FrameCodeKeys>,
 }
 
+/// Keys of a code: while the value has the number `is`, it is invalid for the reason `means`.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FrameCodeKeys {
+    /// Number in the field, before scale and offset.
     is: i64,
     means: InvalidReason,
 }
@@ -44,6 +47,7 @@ struct FrameCodeKeys {
 #[serde(deny_unknown_fields)]
 pub struct FrameCounterKeys {
     byte: u16,
+    /// Number of bits below the number, in its first byte (little-endian) or its last byte (big-endian).
     #[serde(default)]
     bit: u16,
     /// Width of the number, bits.
@@ -56,6 +60,7 @@ pub struct FrameCounterKeys {
 #[serde(deny_unknown_fields)]
 pub struct FrameEncoderKeys {
     byte: u16,
+    /// Number of bits below the number, in its first byte (little-endian) or its last byte (big-endian).
     #[serde(default)]
     bit: u16,
     /// Width of the number, bits.
@@ -71,6 +76,7 @@ pub struct FrameEncoderKeys {
 #[serde(deny_unknown_fields)]
 pub struct FrameStatusKeys {
     byte: u16,
+    /// Number of bits below the number, in its first byte (little-endian) or its last byte (big-endian).
     #[serde(default)]
     bit: u16,
     /// Width of the number, bits.
@@ -89,7 +95,7 @@ fn default_width() -> u16 {
 #[derive(Debug, Clone)]
 pub struct FrameLayout {
     pub sample_layout: SampleLayout<BitField>,
-    /// Minimum number of bytes of a frame.
+    /// Number of bytes up to the end of the last field; a shorter frame is an error, a longer one is not.
     required_bytes: usize,
 }
 
@@ -231,6 +237,7 @@ fn check_representable(name: &str, number: i64, field: BitField) -> Result<i128,
     Err(format!("`{name}` can never be {number}: {width} bits hold {least} to {greatest}"))
 }
 
+/// Names of the status entries in messages: `status 1`, `status 2` and so on.
 fn status_entry_names() -> impl Iterator<Item = String> {
     (1..).map(|number: u32| format!("status {number}"))
 }

@@ -21,12 +21,14 @@ struct TestLayoutKeys {
     status: Vec<FrameStatusKeys>,
 }
 
+/// Parses a layout of frames of 8 bytes.
 fn parse_layout(toml: &str) -> Result<FrameLayout, String> {
     let keys: TestLayoutKeys = toml::from_str(toml).map_err(|error| error.message().to_owned())?;
     let TestLayoutKeys { order, value, counter, encoder_count, status } = keys;
     FrameLayout::new(value, counter, encoder_count, status, order, 8)
 }
 
+/// A layout, and the tracker of its counter.
 struct TrackedLayout(FrameLayout, CounterTracker);
 
 impl TrackedLayout {
@@ -62,6 +64,7 @@ is = 10
 means = "stale"
 "#;
 
+/// A sample received at 1 s, without an encoder count.
 fn expected_sample(value_mm: Option<f64>, flag: ReadingFlag, missing: u32) -> Sample {
     Sample { received_s: 1.0, value_mm, flag, lost_before_count: missing, encoder_count: None }
 }

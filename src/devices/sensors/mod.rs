@@ -72,8 +72,8 @@ pub struct Sample {
     pub received_s: f64,
     /// Distance from the sensor's zero point, mm; `None` if `flag` marks the sample as invalid.
     pub value_mm: Option<f64>,
-    /// `Range`: out of range or no echo; `Saturated`: too much light; `Stale`: no sample came, or an old one; `Gap`:
-    /// the value is valid, but samples before it are missing.
+    /// `None`: valid; `Range`: out of range or no echo; `Saturated`: too much light; `Stale`: no sample came, or an
+    /// old one; `Gap`: the value is valid, but samples before it are missing.
     pub flag: ReadingFlag,
     /// Number of samples lost directly before this one, by the sensor's counter.
     pub lost_before_count: u32,
@@ -94,7 +94,8 @@ impl Sample {
 pub struct SensorInfo {
     /// Description of the sensor, for the record.
     pub identity: String,
-    /// Measured rate of the samples, Hz.
+    /// Measured rate of the samples, Hz; 0 if it could not be measured. For a simulated sensor, the rate of the
+    /// simulation.
     pub sample_rate_hz: f64,
 }
 
@@ -106,8 +107,9 @@ pub trait SensorDriver: Send + 'static {
     fn discard_old_samples(&mut self) -> impl Future<Output = Result<(), SensorError>> + Send;
     /// Returns the next sample. If none comes within the sensor's timeout, returns one with the flag `Stale`.
     fn next(&mut self) -> impl Future<Output = Result<Sample, SensorError>> + Send;
-    /// Whether the sensor sends only on request: then it cannot be watched while the machine moves.
-    fn is_on_demand(&self) -> bool;
+    /// Whether the sensor is simulated and measures only when it is read: then it cannot be watched while the machine
+    /// moves. A real sensor that sends on request is not meant.
+    fn is_simulated_on_demand(&self) -> bool;
     /// Minimum number of samples that came without being requested, by the sensor's counter; 0 without a
     /// counter.
     fn unrequested_count(&self) -> u64 {
@@ -115,7 +117,7 @@ pub trait SensorDriver: Send + 'static {
     }
 }
 
-/// Number of consecutive stale samples after which a read ends.
+/// Number of consecutive stale samples after which a read ends; they are part of its result.
 const MAX_CONSECUTIVE_STALE_SAMPLES: u32 = 3;
 
 /// Time for which a sensor is read to determine its rate.
@@ -123,14 +125,19 @@ const RATE_MEASUREMENT_TIME: Duration = Duration::from_millis(500);
 /// Number of samples after which the measurement of the rate ends early.
 const MAX_RATE_MEASUREMENT_SAMPLES: usize = 50;
 
+/// Whether a sample is good.
 type SamplePredicate = Box<dyn Fn(&Sample) -> bool + Send>;
+/// Called from the task of the sensor when a watch finds a sample that is not good, or an error.
 type RejectionAction = Box<dyn Fn() + Send>;
 
+/// Request to the sensor's task, with the channel for its result.
 enum SensorRequest {
     StartCapture(SensorRequestCapture),
     Prepare(oneshot::Sender<Result<SensorInfo, SensorError>>),
     ReadSamples(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
+    /// The channel reports that the watch has started; `EndWatch` returns its result.
     Watch(SamplePredicate, RejectionAction, oneshot::Sender<Result<(), SensorError>>),
+    /// Returns the sample that was not good, if there was one.
     EndWatch(oneshot::Sender<Result<Option<Sample>, SensorError>>),
     SampleForDisplay(oneshot::Sender<Result<Sample, SensorError>>),
     Counters(oneshot::Sender<Result<SampleCounters, SensorError>>),
@@ -170,18 +177,21 @@ impl SensorHandle {
         &self.name
     }
 
+    /// Checks that the sensor works, and measures its sample rate.
     pub async fn prepare(&self) -> Result<SensorInfo, SensorError> {
         self.request(SensorRequest::Prepare).await
     }
 
-    /// Returns the next `count` samples, none from before this call; fewer if the sensor falls silent.
+    /// Returns the next `count` samples, none from before this call. Ends early after three consecutive stale
+    /// samples, which are returned too.
     pub async fn read_samples(&self, count: u32) -> Result<Vec<Sample>, SensorError> {
         self.request(|reply| SensorRequest::ReadSamples(count, reply)).await
     }
 
-    /// Watches the samples until [`SensorHandle::end_watch`]: at the first sample that is not `is_good`, `on_rejection`
-    /// is called, at once and from the sensor's task. `on_rejection` must not block. A sensor that sends only on
-    /// request is not watched. Returns when the watch has started: every later sample is checked.
+    /// Watches the samples until [`SensorHandle::end_watch`] or any other request: at the first sample that is not
+    /// `is_good`, or at an error, `on_rejection` is called, at once and from the task of the sensor, and the watch
+    /// ends. `on_rejection` must not block. A simulated sensor that measures only when it is read is not watched.
+    /// Returns when the watch has started: every later sample is checked.
     pub async fn watch(
         &self,
         is_good: impl Fn(&Sample) -> bool + Send + 'static,
@@ -190,7 +200,8 @@ impl SensorHandle {
         self.request(|started| SensorRequest::Watch(Box::new(is_good), Box::new(on_rejection), started)).await
     }
 
-    /// Ends the watch. Returns the sample that was not good; `None` if all were good.
+    /// Ends the watch. Returns the sample that was not good; `None` if all were good, or if the sensor was not
+    /// watched. An error of the sensor during the watch is returned here.
     pub async fn end_watch(&self) -> Result<Option<Sample>, SensorError> {
         self.request(SensorRequest::EndWatch).await
     }
@@ -274,16 +285,17 @@ async fn read_fresh_sample(driver: &mut impl SensorDriver) -> Result<Sample, Sen
     driver.next().await
 }
 
-/// Discards earlier samples and returns `true`; returns `false` if the sensor sends only on request and cannot be
-/// watched.
+/// Discards earlier samples and returns `true`; returns `false` for a simulated sensor that measures only when it is
+/// read.
 async fn prepare_watch_if_supported(driver: &mut impl SensorDriver) -> Result<bool, SensorError> {
-    if driver.is_on_demand() {
+    if driver.is_simulated_on_demand() {
         return Ok(false);
     }
     driver.discard_old_samples().await.map(|()| true)
 }
 
-/// Watches the samples until the next request, or until one is not good; returns that sample.
+/// Watches the samples until the next request of any kind, an error, or a sample that is not good; returns that
+/// sample.
 async fn watch_samples(
     driver: &mut impl SensorDriver,
     inbox: &mpsc::Receiver<SensorRequest>,

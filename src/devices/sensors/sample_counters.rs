@@ -8,7 +8,8 @@ use machine::record::reading::ReadingFlag;
 /// Counts of samples over all requests to the sensor's task.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SampleCounters {
-    /// Number of samples that were requested and received.
+    /// Number of samples that reads and watches have received, without the stale ones; samples for display do not
+    /// count.
     pub received_count: u64,
     /// Number of samples lost between the received ones, by the sensor's counter.
     pub lost_sample_count: u64,

@@ -14,8 +14,10 @@ pub trait NumberLocation: Copy {
     /// Condition on the data under which the value is invalid.
     type Condition;
 
+    /// Reads the number as it was sent, before scale and offset.
     fn read_number(self, data: Self::Data<'_>) -> Result<f64, Self::Error>;
     fn read_integer(self, data: Self::Data<'_>) -> Result<i128, Self::Error>;
+    /// Whether the condition is met, so that the value is invalid.
     fn is_met(condition: &Self::Condition, data: Self::Data<'_>) -> bool;
 }
 
@@ -24,6 +26,7 @@ pub trait NumberLocation: Copy {
 pub struct SampleLayout<L: NumberLocation> {
     /// Location of the number; value = `offset_mm` + `scale_mm` × the number.
     pub value_location: L,
+    /// Size of one count, mm; negative if the sensor counts in the other direction.
     pub scale_mm: f64,
     pub offset_mm: f64,
     /// Location of the counter, and number of samples after which the counter restarts.
@@ -39,6 +42,7 @@ pub struct SampleLayout<L: NumberLocation> {
 pub struct DecodedSample {
     /// Value in mm, or the reason why there is none.
     pub value_mm: Result<f64, ReadingFlag>,
+    /// Count of the sample counter; `None` if the sensor has no counter.
     pub counter_value: Option<u64>,
     /// Count of the rotary encoder, wrapped at its modulus (`encoder_count.rs`).
     pub wrapped_encoder_count: Option<u32>,
@@ -59,6 +63,7 @@ pub enum InvalidReason {
 }
 
 impl InvalidReason {
+    /// Flag of the sample; `NoEcho` and `Range` both give `Range`.
     pub fn reading_flag(self) -> ReadingFlag {
         match self {
             Self::NoEcho | Self::Range => ReadingFlag::Range,
@@ -79,6 +84,8 @@ impl<L: NumberLocation> SampleLayout<L> {
         self.encoder_and_modulus.map(|(_, modulus)| modulus)
     }
 
+    /// Decodes one sample; an invalid value is no error but the flag of the first condition that is met.
+    ///
     /// # Errors
     /// The data do not match the layout.
     pub fn decode(&self, data: L::Data<'_>) -> Result<DecodedSample, L::Error> {
@@ -112,7 +119,7 @@ pub fn check_scale(scale_mm: f64, offset_mm: f64) -> Result<(), String> {
 }
 
 impl DecodedSample {
-    /// Replaces a value beyond the sensor's range by the flag `Range`.
+    /// Replaces a value beyond the sensor's range, whose ends are inclusive, by the flag `Range`.
     pub fn flag_out_of_range(self, [least, greatest]: [f64; 2]) -> Self {
         let value = self
             .value_mm

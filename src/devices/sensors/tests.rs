@@ -31,7 +31,7 @@ impl SensorDriver for ScriptedDriver {
         Ok(Sample { received_s: 0.0, value_mm, flag, lost_before_count: 0, encoder_count: None })
     }
 
-    fn is_on_demand(&self) -> bool {
+    fn is_simulated_on_demand(&self) -> bool {
         false
     }
 }

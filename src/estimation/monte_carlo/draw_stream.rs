@@ -10,6 +10,7 @@ use rand::Rng;
 use super::DrawDistribution;
 use crate::random::seeded_stream;
 
+/// Number of generators that run side by side.
 const LANE_COUNT: usize = 8;
 /// Number of pairs of deviates per batch.
 const DEVIATE_PAIRS_PER_BATCH: usize = 256;

@@ -55,7 +55,9 @@ pub struct TrialStatistics {
     /// Whether the stopping rule of adaptive trials was met. Always `true` for a fixed number of trials.
     pub is_stable: bool,
     pub mean: Vec<f64>,
+    /// Standard deviation of the trials, which is the standard uncertainty of the output.
     pub standard_deviation: Vec<f64>,
+    /// Covariance of the outputs, outputs × outputs.
     pub covariance: Mat<f64>,
     /// Probabilistically symmetric 95.45 % coverage interval: mean of the intervals of the blocks.
     pub symmetric_interval: Vec<[f64; 2]>,
@@ -68,9 +70,9 @@ pub struct TrialStatistics {
 pub struct TooFewTrials(pub usize);
 
 impl TrialStatistics {
-    /// Whether the trials contradict the standard uncertainty `u` of an output by first-order propagation (JCGM
-    /// 101, 8.1.3). The difference must exceed both the numerical tolerance of `u` with two digits and the trials'
-    /// own scatter.
+    /// Whether the trials contradict the standard uncertainty `u` of an output by first-order propagation (JCGM 101,
+    /// 8.1.3). The difference must exceed both the numerical tolerance of `u` with two digits and four times the
+    /// trials' own scatter, u/√(2·trials).
     pub fn contradicts_uncertainty(&self, output: usize, u: f64) -> bool {
         let off = (u - self.standard_deviation[output]).abs();
         off > numerical_tolerance(u, 2) && off > 4.0 / (2.0 * self.trial_count as f64).sqrt() * u
@@ -119,6 +121,8 @@ fn block_sizes(total: usize) -> Vec<usize> {
     (0..blocks).map(|b| total / blocks + usize::from(b < total % blocks)).collect()
 }
 
+/// Computes the trials of one block, in parallel; the random stream depends on `seed`, `block_number` and the number
+/// of the chunk in the block.
 fn compute_block(
     seed: u64,
     block_number: u64,

@@ -97,7 +97,7 @@ impl MergedTrialBlocks {
     }
 
     /// Stopping rule (JCGM 101, 7.9.4): for every output, twice the standard deviation of each block average (of
-    /// mean, standard deviation and both interval ends) is within the numerical tolerance.
+    /// mean, standard deviation and both ends of the symmetric interval) is within the numerical tolerance.
     pub(super) fn is_stable(&self, digits: u32) -> bool {
         self.blocks.len() >= 2
             && (0..self.mean.len()).all(|j| {
@@ -134,11 +134,13 @@ impl MergedTrialBlocks {
         }
     }
 
+    /// Standard deviation of one output over the trials of all blocks.
     fn standard_deviation(&self, output: usize) -> f64 {
         (self.scatter_matrix[(output, output)] / (self.trial_count.max(2) - 1) as f64).sqrt()
     }
 }
 
+/// Standard deviation of the mean of the values: their standard deviation divided by √count.
 fn standard_deviation_of_mean(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let count = values.clone().count() as f64;
     let mean = values.clone().sum::<f64>() / count;

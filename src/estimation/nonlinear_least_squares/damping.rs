@@ -3,13 +3,14 @@
 use super::super::schur::{BlockFactorisation, BlockRows, add_damping_rows, factorise_and_project_right_side};
 use super::{LeastSquaresModel, ModelPoint, square_sum};
 
-/// Initial value of λ.
+/// Value of λ at the start, and after no step has decreased χ².
 const INITIAL_LAMBDA: f64 = 1e-3;
 /// Fraction of the scale of an unknown that is kept from one iterate to the next.
 const SCALE_DECAY: f64 = 0.7;
 /// Step of the finite differences for the curvature, relative to the step (Transtrum and Sethna 2012).
 const CURVATURE_STEP_FRACTION: f64 = 0.1;
-/// Largest geodesic acceleration, relative to the step. A step with a larger acceleration is rejected.
+/// Largest geodesic acceleration: twice its scaled norm, relative to that of the step. A step with a larger
+/// acceleration is rejected.
 const MAX_ACCELERATION_RATIO: f64 = 0.75;
 /// A damped step is accepted if χ² decreases by more than this fraction of the predicted decrease.
 const MIN_DAMPED_DECREASE_RATIO: f64 = 1e-4;
@@ -23,6 +24,7 @@ pub(super) struct Damping {
     lambda: f64,
     /// Factor by which λ grows at the next rejected step (Nielsen 1999). The factor doubles with each rejected step.
     lambda_growth: f64,
+    /// Scale of each unknown; the damping row of an unknown is √λ times its scale.
     unknown_scales: Vec<f64>,
 }
 
@@ -62,6 +64,7 @@ impl Damping {
         None
     }
 
+    /// Sets each scale to its column norm, or to the decayed old scale if that is greater; 1 if both are 0.
     fn update_unknown_scales(&mut self, column_norms: &[f64]) {
         self.unknown_scales.resize(column_norms.len(), 0.0);
         for (scale, norm) in self.unknown_scales.iter_mut().zip(column_norms) {
@@ -94,6 +97,7 @@ impl Damping {
         mild.then(|| velocity.iter().zip(&acceleration).map(|(v, a)| v + 0.5 * a).collect())
     }
 
+    /// Norm of `v` after each entry is multiplied by the scale of its unknown.
     fn scaled_norm(&self, v: &[f64]) -> f64 {
         v.iter().zip(&self.unknown_scales).map(|(v, s)| (v * s).powi(2)).sum::<f64>().sqrt()
     }

@@ -128,7 +128,8 @@ impl ModelPoint {
     }
 }
 
-/// Whether the undamped step is accepted. The comparisons reject NaN.
+/// Whether the undamped step from `point` to `next` is accepted; the step sizes are in standard uncertainties. The
+/// comparisons reject NaN.
 fn accepts_undamped_step(step_size: f64, last_step_size: f64, point: &ModelPoint, next: &ModelPoint) -> bool {
     let predicted_decrease = step_size * step_size;
     let near = predicted_decrease
@@ -138,8 +139,8 @@ fn accepts_undamped_step(step_size: f64, last_step_size: f64, point: &ModelPoint
         || (near && next.residual_square_sum.is_finite())
 }
 
-/// Whether the error after a step of `step_size` from `point` is negligible, or the step is only rounding. It is
-/// assumed that later steps shrink at least by the ratio of `step_size` to `last_step_size`.
+/// Whether the error after a step of `step_size`, in standard uncertainties, from `point` is negligible, or the step
+/// is only rounding. It is assumed that later steps shrink at least by the ratio of `step_size` to `last_step_size`.
 fn is_converged(step_size: f64, last_step_size: f64, point: &ModelPoint, factored: &BlockFactorisation) -> bool {
     let dof = point.residuals.len().saturating_sub(point.x.len());
     let residual_sd = if dof > 0 { (point.residual_square_sum / dof as f64).sqrt() } else { 1.0 };

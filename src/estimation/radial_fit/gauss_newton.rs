@@ -6,7 +6,8 @@ use faer::Mat;
 use super::{RadialError, RadialFit, STEP_TOLERANCE};
 use crate::linear_least_squares::{LinearProblem, LinearSolution, solve_least_squares};
 
-/// Ratio of thickness to length up to which the points count as flat (on one line or in one plane).
+/// Ratio of thickness to length (smallest to largest singular value) up to which the points count as flat (on one
+/// line or in one plane), which is an error.
 const MAX_FLAT_THICKNESS_RATIO: f64 = 1e-7;
 const MAX_STEP_COUNT: usize = 1000;
 /// Tolerance of the step after [`MAX_STEP_COUNT`]. If the deviations are as large as the radius, the steps shrink
@@ -31,6 +32,7 @@ pub(super) fn fit_gauss_newton<const D: usize>(points: &[[f64; D]]) -> Result<Ra
     Ok(RadialFit { centre, radius: at.radius, residuals: at.residuals, covariance: step.covariance })
 }
 
+/// Returns the points about the best centre, and the last step, whose covariance is that of centre and radius.
 fn iterate_to_convergence<const D: usize>(
     points: &[[f64; D]],
     start: PolarPoints<D>,
@@ -58,6 +60,8 @@ fn iterate_to_convergence<const D: usize>(
     Err(RadialError::NotConverged)
 }
 
+/// Largest step of a centre coordinate or of the radius, relative to its standard uncertainty for a radial standard
+/// deviation of 1.
 fn step_size_in_uncertainties(step: &LinearSolution) -> f64 {
     let parts = step.x.iter().enumerate().map(|(j, x)| x.abs() / step.covariance[(j, j)].sqrt());
     parts.fold(0.0, f64::max)
@@ -88,7 +92,9 @@ fn solve_unweighted(a: &Mat<f64>, y: &[f64]) -> Option<LinearSolution> {
 struct PolarPoints<const D: usize> {
     centre: [f64; D],
     radius: f64,
+    /// Unit vectors from the centre to the points.
     directions: Vec<[f64; D]>,
+    /// Distance from the centre less radius, one per point.
     residuals: Vec<f64>,
 }
 
@@ -103,11 +109,13 @@ impl<const D: usize> PolarPoints<D> {
         Self { centre, radius, directions, residuals }
     }
 
+    /// Gauss–Newton step of the centre, then of the radius.
     fn solve_step(&self) -> Option<LinearSolution> {
         let a = Mat::from_fn(self.directions.len(), D + 1, |i, k| self.directions[i].get(k).copied().unwrap_or(1.0));
         solve_unweighted(&a, &self.residuals)
     }
 
+    /// Moves the centre by the fraction `part` of `step`; the radius becomes the mean distance.
     fn after_step(&self, points: &[[f64; D]], step: &[f64], part: f64) -> Self {
         let centre = std::array::from_fn(|k| self.centre[k] + part * step[k]);
         Self::new(points, centre)
@@ -117,7 +125,8 @@ impl<const D: usize> PolarPoints<D> {
         self.residuals.iter().map(|r| r * r).sum::<f64>().sqrt()
     }
 
-    /// Rounding error of the residual norm, caused by the rounding errors of the distances of the points from the centre.
+    /// Rounding error of the residual norm, caused by the rounding errors of the distances of the points from the
+    /// centre.
     fn residual_norm_rounding(&self) -> f64 {
         4.0 * f64::EPSILON * self.radius * (self.residuals.len() as f64).sqrt()
     }

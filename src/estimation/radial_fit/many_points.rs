@@ -71,10 +71,12 @@ fn sum_all_points<const D: usize>(points: &[[f64; D]], frame: &StepFrame<D>) -> 
     parts.into_iter().fold(PointSums::ZERO, |all, part| all.plus(&part))
 }
 
+/// Gauss–Newton step of centre and radius, computed from sums over all points.
 struct FitStep<const D: usize> {
-    /// Step of the centre, in the rotated frame, and of the radius.
+    /// Step of the centre, in the rotated frame.
     centre_step: [f64; D],
     radius_step: f64,
+    /// Covariance of the rotated centre and the radius, for a standard uncertainty of 1 of each radial deviation.
     covariance: Mat<f64>,
     /// Largest step, in standard uncertainties for a radial standard deviation of one radius.
     size_in_uncertainties: f64,

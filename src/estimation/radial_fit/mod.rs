@@ -13,7 +13,8 @@ pub(super) struct RadialFit<const D: usize> {
     pub radius: f64,
     /// Distance from the centre less radius, one per point.
     pub residuals: Vec<f64>,
-    /// Covariance of centre and radius, for a standard uncertainty of 1 of each radial deviation.
+    /// Covariance of the centre coordinates, then the radius, for a standard uncertainty of 1 of each radial
+    /// deviation.
     pub covariance: Mat<f64>,
 }
 

@@ -36,12 +36,15 @@ pub struct DeclaredSensor {
 /// Deviations of the sensors from their declared gains and angles.
 #[derive(Debug, Clone)]
 pub struct SensorCalibration {
-    /// ε_i of all sensors, then δ_i of all sensors in rad.
+    /// ε_i of all sensors (dividing a reading by 1 + ε_i corrects the reading), then δ_i of all sensors, true less
+    /// declared angle, rad; both are 0 for a sensor that is not radial.
     pub gain_then_angle_deviations: Vec<f64>,
+    /// Covariance of `gain_then_angle_deviations`, in the same order.
     pub covariance: Mat<f64>,
 }
 
-/// Estimates the deviations of all channels of `data` from the first harmonic. `turn_sign`: σ, ±1.
+/// Estimates the deviations of all channels of `data` from the first harmonic. `turn_sign`: σ, +1 if the part
+/// turns counter-clockwise while the angle of `data` grows, otherwise −1.
 ///
 /// # Errors
 /// The rows do not determine the error motion P and the eccentricities E_n of the cross sections, for example because
@@ -74,6 +77,7 @@ struct CalibrationEquations<'a> {
     turn_sign: f64,
     /// Indices of the rows of `data` from radial sensors.
     data_rows: Vec<usize>,
+    /// Cross sections with radial sensors, ascending.
     cross_section_indices: Vec<Option<usize>>,
     mountings: Vec<MountingKey>,
 }

@@ -16,8 +16,9 @@ const MIN_REPORTED_CLOCK_RATE_ERROR: f64 = 2e-3;
 /// Largest relative clock deviation in the search.
 const MAX_SEARCHED_CLOCK_RATE_ERROR: f64 = 0.05;
 
-/// Relative deviation of the clock rate of one channel, from the shift of its pattern between revolutions. The
-/// revolutions of a row are consecutive and in the same direction. `None`: no clear deviation.
+/// Relative deviation of the clock rate of one channel, positive if its clock is fast, from the shift of its pattern
+/// between revolutions. The revolutions of a row are consecutive and in the same direction. `None`: no clear
+/// deviation.
 pub fn estimate_clock_rate_error<'a>(rows: impl Iterator<Item = &'a ChannelRevolutions>) -> Option<f64> {
     let mut pairs: Vec<(usize, c64, c64)> = Vec::new();
     for row in rows {

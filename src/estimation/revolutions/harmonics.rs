@@ -16,7 +16,10 @@ const HARMONIC_STD_U_FLOOR_MM: f64 = 1e-9;
 /// Covariance between channels, mm², of the cosine or sine part of one harmonic in one revolution.
 #[derive(Debug, Clone)]
 pub struct HarmonicScatter {
+    /// Channels × channels; 0 for channels that were never measured together in two revolutions.
     pub channel_covariance: Mat<f64>,
+    /// Degrees of freedom: the smallest of the channels, summed over the pooled harmonics; infinite if the scatter is
+    /// declared.
     pub dof: f64,
 }
 
@@ -26,9 +29,10 @@ pub struct HarmonicData {
     pub row_keys: Vec<ChannelAtMounting>,
     /// Number of revolutions in the mean of each row.
     pub revolution_counts: Vec<usize>,
-    /// Mean of M_k over the revolutions, mm: harmonics (from order 1) × rows.
+    /// Mean of M_k over the revolutions, mm: harmonics (from order 1) × rows. M_k = c − i·s of c·cos kq + s·sin kq.
     pub harmonic_means: Vec<Vec<c64>>,
-    /// Scatter of each harmonic.
+    /// Scatter of each harmonic, from order 1, of a single revolution; pooled with neighbouring harmonics if
+    /// measured.
     pub harmonic_scatters: Vec<HarmonicScatter>,
 }
 
@@ -125,7 +129,8 @@ impl HarmonicData {
         means.iter().map(|m| m.re).chain(means.iter().map(|m| -m.im)).collect()
     }
 
-    /// Observations of all harmonics of one revolution per row (`revolutions`: rows × angles).
+    /// Observations of one revolution per row (`revolutions`: rows × angles), harmonic after harmonic, each in the
+    /// order of [`observations`](Self::observations).
     pub fn revolution_observations(&self, revolutions: &[Vec<f64>]) -> Vec<f64> {
         let basis = HarmonicBasis::new(revolutions.first().map_or(0, Vec::len), self.max_order());
         let all: Vec<Vec<c64>> = revolutions.iter().map(|of| basis.harmonics(of)).collect();
@@ -136,7 +141,8 @@ impl HarmonicData {
         (0..self.max_order()).flat_map(parts).collect()
     }
 
-    /// Standard uncertainty of each observation of the harmonic, mm.
+    /// Standard uncertainty of each observation of the harmonic, which is a mean over the revolutions of its row, mm;
+    /// at least 1e-9 mm.
     pub fn observation_std_u_mm(&self, order: usize) -> Vec<f64> {
         let covariance = &self.harmonic_scatters[order - 1].channel_covariance;
         let sigma = |(row, revolutions): (&ChannelAtMounting, &usize)| {
@@ -147,8 +153,8 @@ impl HarmonicData {
         half.repeat(2)
     }
 
-    /// Covariance of the observations of the harmonic, mm². Channels at one mounting are correlated by the
-    /// asynchronous part of the error motion.
+    /// Covariance of the observations of the harmonic (means over the revolutions of a row), mm². Channels at one
+    /// mounting are correlated by the asynchronous part of the error motion; cosine and sine parts are not.
     pub fn observation_covariance(&self, order: usize) -> Mat<f64> {
         let (rows, scatter) = (self.row_keys.len(), &self.harmonic_scatters[order - 1].channel_covariance);
         Mat::from_fn(2 * rows, 2 * rows, |i, j| {
@@ -187,8 +193,8 @@ fn harmonic_scatter(
     HarmonicScatter { channel_covariance: Mat::from_fn(channels, channels, entry), dof }
 }
 
-/// Mean over the harmonics `harmonic_index` − w..=`harmonic_index` + w, with the smallest w that reaches
-/// [`POOLING_TARGET_DOF`].
+/// Mean over the harmonics `harmonic_index` − w..=`harmonic_index` + w, with the smallest w whose degrees of freedom
+/// together reach [`POOLING_TARGET_DOF`], or over all harmonics.
 fn pooled_scatter(unpooled: &[HarmonicScatter], harmonic_index: usize) -> HarmonicScatter {
     let window = |width: usize| {
         &unpooled[harmonic_index.saturating_sub(width)..(harmonic_index + width + 1).min(unpooled.len())]
@@ -206,6 +212,7 @@ fn pooled_scatter(unpooled: &[HarmonicScatter], harmonic_index: usize) -> Harmon
 /// Revolutions from which no harmonics can be calculated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RevolutionsError {
+    /// Every mounting has fewer than two revolutions, or one has none.
     #[error("the scatter cannot be computed from one revolution")]
     SingleRevolution,
     #[error(

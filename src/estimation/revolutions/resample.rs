@@ -6,8 +6,8 @@ use std::f64::consts::TAU;
 
 use super::resample_filter::{KERNEL_HALF_WIDTH_OUTPUT_STEPS, ResampleFilter};
 
-/// Longest distance between two samples, in output steps. The spectral images of sparser samples would pass the
-/// filter.
+/// Longest distance between two samples, in output steps; a longer one is a gap. The spectral images of sparser
+/// samples would pass the filter.
 const MAX_SAMPLE_SPACING_STEPS: f64 = 1.0;
 
 /// Range of angles, counter-clockwise from `from_deg` to `to_deg`.
@@ -28,6 +28,7 @@ impl AngleRange {
         ranges.iter().map(one).collect::<Vec<String>>().join(", ")
     }
 
+    /// Whether the angle is in the range, modulo 360°, ends included. Only for ranges shorter than 360°.
     pub fn contains(self, deg: f64) -> bool {
         (deg - self.from_deg).rem_euclid(360.0) <= (self.to_deg - self.from_deg).rem_euclid(360.0)
     }
@@ -36,7 +37,8 @@ impl AngleRange {
 /// One sample of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AngleSample {
-    /// Commanded angle, unwrapped: it continues to grow from revolution to revolution.
+    /// Angle of the axis at the sample, unwrapped: it continues beyond ±2π, up or down, from revolution to
+    /// revolution.
     pub angle_rad: f64,
     pub value: f64,
     /// Whether the sample is neither saturated nor flagged by the sensor.
@@ -51,11 +53,13 @@ pub struct Resampler<'a> {
     first_angle_index: i64,
     /// Σ weight·value and Σ weight at each output angle.
     weighted_value_and_weight_sums: Vec<[f64; 2]>,
+    /// Whether each output angle lies between two samples without a gap.
     is_angle_covered: Vec<bool>,
     /// Angle of the valid sample before the last one, in output steps.
     position_before_last: Option<f64>,
     /// Angle (in output steps) and value of the last valid sample.
     last_position_and_value: Option<(f64, f64)>,
+    /// 1 if the scan is towards greater angles, otherwise −1.
     direction_sign: f64,
     gaps: Vec<AngleRange>,
 }
@@ -63,7 +67,9 @@ pub struct Resampler<'a> {
 /// One channel of one scan, resampled to equal angles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResampledChannel {
+    /// Number of output angles in one revolution.
     pub(super) steps_per_revolution: usize,
+    /// Index of the angle of the first of `values`: angle = index·2π/steps.
     first_angle_index: i64,
     /// Values at the output angles. `None`: the angle is too near a gap or an end of the scan.
     values: Vec<Option<f64>>,
@@ -97,6 +103,7 @@ impl<'a> Resampler<'a> {
         resampler.finish()
     }
 
+    /// Adds the next sample; an invalid one is ignored.
     pub fn push(&mut self, sample: AngleSample) {
         if !sample.is_valid || !sample.value.is_finite() {
             return;
@@ -140,6 +147,7 @@ impl<'a> Resampler<'a> {
         }
     }
 
+    /// Ends the scan. An angle nearer to a gap or an end than the half width of the kernel has no value.
     pub fn finish(mut self) -> ResampledChannel {
         if let (Some((last, value)), Some(before)) = (self.last_position_and_value, self.position_before_last) {
             self.add_weighted_sample(last, value, (last - before) / 2.0);
@@ -205,7 +213,7 @@ impl ResampledChannel {
         (0..count).map(revolution).collect()
     }
 
-    /// Indices of the first and the last angle with a value.
+    /// Indices of the first and the last angle with a value; the first is greater than the last if there is none.
     pub(super) fn index_range_with_values(&self) -> (i64, i64) {
         let first = self.values.iter().position(Option::is_some).unwrap_or(self.values.len());
         let last = self.values.iter().rposition(Option::is_some).map_or(-1, |i| i as i64);

@@ -21,6 +21,7 @@ const KERNEL_VALUES_PER_STEP: usize = 2048;
 #[derive(Debug, Clone)]
 pub struct ResampleFilter {
     steps_per_revolution: usize,
+    /// Kernel from its centre outwards on one side, [`KERNEL_VALUES_PER_STEP`] values per output step.
     kernel_values: Vec<f64>,
 }
 
@@ -39,6 +40,7 @@ impl fmt::Display for ResampleFilter {
 }
 
 impl ResampleFilter {
+    /// Filter of a revolution with `steps` output angles.
     pub fn new(steps: usize) -> Self {
         let half = KERNEL_HALF_WIDTH_OUTPUT_STEPS as f64;
         let value = |i: usize| {
@@ -73,7 +75,7 @@ impl ResampleFilter {
         ((0.5 + HALF_TRANSITION_BAND_PER_OUTPUT_RATE) * self.steps_per_revolution as f64).ceil() as usize
     }
 
-    /// Value of the filter kernel at a distance of `u` output steps.
+    /// Value of the filter kernel, 1 at its centre, at a distance of `u` output steps.
     pub fn kernel_value(&self, u: f64) -> f64 {
         let position = u.abs() * KERNEL_VALUES_PER_STEP as f64;
         let i = position as usize;

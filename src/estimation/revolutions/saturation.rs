@@ -4,9 +4,9 @@ use super::resample::{AngleRange, AngleSample};
 
 /// Shortest saturated range that is reported, degrees.
 const MIN_SATURATED_RANGE_DEG: f64 = 2.0;
-/// A flat top counts as saturated if the signal changes by more than this, in display steps, within half the length of
-/// the flat top beyond an end. At an unsaturated peak the signal changes by about three
-/// display steps there.
+/// A flat top counts as saturated if the signal changes by more than this, in display steps (smallest change other
+/// than zero between two samples), within half the length of the flat top beyond an end. At an unsaturated peak the
+/// signal changes by about three display steps there.
 const MIN_FLAT_TOP_FALL_DISPLAY_STEPS: f64 = 8.0;
 
 /// Ranges of a scan in which the signal stays at its largest or smallest value, and then changes abruptly.

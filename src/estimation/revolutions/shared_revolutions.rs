@@ -36,9 +36,9 @@ impl ChannelRevolutions {
 )]
 pub struct RejectedRevolutions {
     pub channel_index: usize,
-    /// Number of rejected revolutions.
+    /// Number of rejected revolutions of this channel.
     pub rejected_count: usize,
-    /// Number of all revolutions of the scan.
+    /// Number of whole revolutions of the scan within the range of the channels with the most of them.
     pub revolution_count: usize,
     /// Angles without samples within the range of the samples.
     pub gaps: Vec<AngleRange>,

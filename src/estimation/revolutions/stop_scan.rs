@@ -7,7 +7,7 @@ use faer::Mat;
 use super::resample::{AngleSample, ResampledChannel};
 use crate::linear_least_squares::{self, LinearProblem, RANK_THRESHOLD};
 
-/// Maximum share of the stops of a revolution that may be missing.
+/// Maximum share of the stops of a revolution that may be missing; if more are missing, none is filled.
 const MAX_FILLED_STOP_SHARE: f64 = 0.15;
 /// Maximum distance of a sample from its stop, relative to the distance between two stops.
 const MAX_OFFSET_FROM_STOP_STEPS: f64 = 1e-6;
@@ -19,7 +19,7 @@ pub struct StopScan {
     pub stops_per_revolution: usize,
     /// Unwrapped angles of the ends, in either order, rad.
     pub ends_rad: [f64; 2],
-    /// Number of harmonics used to fill single missing stops. `None`: missing stops are not filled.
+    /// Number of harmonics used to fill a few missing stops. `None`: missing stops are not filled.
     pub fill_harmonic_count: Option<usize>,
 }
 
@@ -57,8 +57,9 @@ impl StopScan {
     }
 }
 
-/// Fills single gaps of a revolution from the least-squares fit of its mean and harmonics, so that the harmonics of
-/// the filled revolution are those of the measured stops. Longer or more frequent gaps are not filled.
+/// Fills missing stops of a whole revolution from the least-squares fit of its mean and harmonics, so that the
+/// harmonics of the filled revolution are those of the measured stops. Nothing is filled if more than
+/// stops/(2·harmonics) adjacent stops are missing, or more than [`MAX_FILLED_STOP_SHARE`].
 fn fill_missing_stops(values: &mut [Option<f64>], harmonic_count: usize, stops_per_revolution: usize) {
     let missing: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_none()).collect();
     let known: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_some()).collect();

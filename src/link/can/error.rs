@@ -74,7 +74,7 @@ impl CanError {
         if available.contains(&interface) {
             return Self::OpenFailed { interface, source };
         }
-        if interfaces::interface_exists(&interface) {
+        if interfaces::network_interface_exists(&interface) {
             return CanError::NotCanInterface { interface, available };
         }
         CanError::NoSuchInterface { interface, available }

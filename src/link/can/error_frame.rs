@@ -6,13 +6,14 @@ use socketcan::errors::{ControllerProblems, ErrorCause};
 /// Effect of one error frame.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum ErrorFrameEffect {
-    /// Bus errors (bits that cannot be decoded), with the description. The sender repeats the frame.
+    /// A fault other than lost arbitration, such as a protocol violation or an error-passive controller, with its
+    /// description. The sender repeats a disturbed frame.
     BusErrors(String),
     /// The controller is bus-off: it receives nothing until it is restarted.
     BusOff(String),
-    /// The controller lost frames.
+    /// The controller lost frames: its receive buffer overflowed, or it was restarted after bus-off.
     LostFrames,
-    /// The error frame does not affect a receiver, or reports a recovery.
+    /// The error frame does not affect a receiver: lost arbitration, error counters, or the return to error-active.
     Harmless,
 }
 
@@ -34,6 +35,7 @@ impl From<CanError> for ErrorFrameEffect {
     }
 }
 
+/// Whether the cause can disturb reception: every cause except lost arbitration, error counters and error-active.
 fn is_receive_fault(cause: &ErrorCause) -> bool {
     match cause {
         ErrorCause::LostArbitration(_) | ErrorCause::Counters { .. } => false,

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::CanId;
 
-/// Silence of the own identifier after which the socket accepts other identifiers.
+/// Silence of the own identifier after which the socket accepts other identifiers, once until the next own frame.
 const OWN_ID_SILENCE_BEFORE_SCAN: Duration = Duration::from_millis(300);
 /// Maximum time for which the socket accepts other identifiers.
 const MAX_ACCEPT_ALL_IDS_TIME: Duration = Duration::from_secs(1);
@@ -22,10 +22,12 @@ enum IdFilterState {
     OwnIdAfterScan,
 }
 
+/// Decides which identifiers the socket accepts, and which other identifiers are reported.
 pub(super) struct ForeignIdDetector {
     filter_state: IdFilterState,
     /// Time of the last own frame, or the time at which the socket began to accept other identifiers.
     filter_timer_start: Instant,
+    /// Other identifiers found since the last own frame, each once; at most `MAX_REPORTED_FOREIGN_IDS`.
     reported_ids: Vec<CanId>,
 }
 
@@ -67,7 +69,8 @@ impl ForeignIdDetector {
         }
     }
 
-    /// Records a frame of another identifier. Returns whether it must be reported.
+    /// Records a frame of another identifier. Returns whether the frame must be reported: only the first frame of
+    /// each identifier, and only while the filter accepts all identifiers and the maximum number is not reached.
     pub fn record_new_foreign_id(&mut self, id: CanId) -> bool {
         let is_new = self.filter_state == IdFilterState::AllIds
             && self.reported_ids.len() < MAX_REPORTED_FOREIGN_IDS

@@ -42,7 +42,7 @@ pub(super) const MAX_DATA_BYTES: usize = 8;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CanFrame {
-    /// Time of reception, s.
+    /// Time of reception, s, on the clock of the receiver: monotonic, not the real-time clock of the kernel's stamp.
     pub received_s: f64,
     pub id: CanId,
     bytes: [u8; MAX_DATA_BYTES],

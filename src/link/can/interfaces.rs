@@ -8,6 +8,7 @@ const CAN_DEVICE_TYPE: &str = "280";
 /// IFF_UP of the kernel's `if.h`.
 const INTERFACE_UP_FLAG: u32 = 1;
 
+/// Text of a file in `/sys/class/net` without surrounding white space; `None`: it cannot be read.
 fn read_interface_attribute(interface: &str, attribute: &str) -> Option<String> {
     let path: PathBuf = ["/sys/class/net", interface, attribute].iter().collect();
     Some(fs::read_to_string(path).ok()?.trim().to_owned())
@@ -23,10 +24,12 @@ pub(super) fn can_interfaces() -> Vec<String> {
     names
 }
 
-pub(super) fn interface_exists(interface: &str) -> bool {
+/// Whether the kernel has a network interface of this name, CAN or not.
+pub(super) fn network_interface_exists(interface: &str) -> bool {
     read_interface_attribute(interface, "type").is_some()
 }
 
+/// Whether the interface is administratively up; false if it does not exist.
 pub(super) fn is_interface_up(interface: &str) -> bool {
     let flags = read_interface_attribute(interface, "flags");
     let flags = flags.and_then(|text| u32::from_str_radix(text.trim_start_matches("0x"), 16).ok());

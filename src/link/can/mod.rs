@@ -47,6 +47,7 @@ pub enum CanEvent {
     ForeignId(CanId),
 }
 
+/// Called for each read; returns the next frame, or `None` if no frame is available yet.
 type FrameGenerator = Box<dyn FnMut() -> Option<CanFrame> + Send>;
 
 enum FrameSource {
@@ -89,10 +90,10 @@ impl CanReceiver {
         matches!(self.source, FrameSource::Generator(_))
     }
 
-    /// Next event, or `None` after `max_wait` without an event.
+    /// Next event, or `None` after `max_wait` without an event. A generator does not wait: `None` if it has no frame.
     ///
     /// # Errors
-    /// The receiving thread has ended.
+    /// The receiving thread has ended (not for a generator).
     pub async fn next_event(&mut self, max_wait: Duration) -> Result<Option<CanEvent>, CanError> {
         match &mut self.source {
             FrameSource::Generator(source) => Ok(source().map(CanEvent::Frame)),
@@ -105,7 +106,7 @@ impl CanReceiver {
         }
     }
 
-    /// Next event that is already in the queue, without waiting.
+    /// Next event that is already in the queue, without waiting. Always `None` for a generator, which has no queue.
     ///
     /// # Errors
     /// The receiving thread has ended.

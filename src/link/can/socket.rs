@@ -39,8 +39,8 @@ pub(super) fn open_filtered_socket(interface: &str, id: CanId) -> Result<CanSock
     }
 }
 
-/// Limits the socket to data frames of `id`. The change loses no frame: the kernel adds the new filter before it
-/// removes the old one.
+/// Limits the socket to data frames of `id`; error frames are still received. The change loses no frame: the kernel
+/// adds the new filter before it removes the old one.
 pub(super) fn accept_only_own_id(socket: &CanSocket, id: CanId) -> io::Result<()> {
     let mask = match id.0 {
         Id::Standard(_) => StandardId::MAX.as_raw().into(),

@@ -43,11 +43,13 @@ struct SocketOwner {
     id: CanId,
     timestamp_converter: TimestampConverter,
     event_sender: mpsc::Sender<CanEvent>,
-    /// Frames lost since the last frame that fitted into the queue.
+    /// Frames lost since the last [`CanEvent::LostFrames`], a lower bound: each frame that found the queue full, and
+    /// one for each error frame that reports lost frames.
     unreported_lost_frames: u32,
 }
 
 impl SocketOwner {
+    /// Reads frames, and reopens the interface after each failure, until the handle is dropped.
     fn run(&mut self, mut socket: CanSocket) {
         loop {
             let Some(why) = self.read_frames_until_failure(&socket) else { return };
@@ -143,7 +145,8 @@ impl SocketOwner {
         let _ = self.event_sender.blocking_send(event);
     }
 
-    /// Sends a report (neither a frame nor a change of state) only while more than half of the queue is free.
+    /// Sends a report (neither a frame nor a change of state) only while more than half of the queue is free;
+    /// otherwise drops the report.
     fn send_report_if_room(&self, event: CanEvent) {
         if self.event_sender.capacity() > MAX_QUEUED_FRAMES / 2 {
             let _ = self.event_sender.try_send(event);

@@ -11,7 +11,8 @@ pub(super) struct TimestampConverter {
     last_returned_s: f64,
 }
 
-/// Maximum age of a frame in the kernel's buffer, s. A greater age means that the real-time clock was set meanwhile.
+/// Maximum age of a frame in the kernel's buffer, s. A greater age means that the real-time clock was set meanwhile;
+/// the frame then gets the time of reading.
 const MAX_TRUSTED_STAMP_AGE_S: f64 = 60.0;
 
 impl TimestampConverter {
@@ -19,7 +20,8 @@ impl TimestampConverter {
         Self { clock, last_returned_s: f64::NEG_INFINITY }
     }
 
-    /// Monotonic time, s, of a frame that has the stamp `stamp` and is read now. Never decreases.
+    /// Monotonic time, s, of a frame that has the stamp `stamp` and is read now; the present time without a plausible
+    /// stamp. Never decreases.
     pub(super) fn monotonic_time_s(&mut self, stamp: Option<SystemTime>) -> f64 {
         let (now, now_s) = (SystemTime::now(), self.clock.now_s());
         let age = stamp.and_then(|stamp| now.duration_since(stamp).ok());

@@ -20,6 +20,7 @@ pub struct AccessList {
 }
 
 impl RegisterRange {
+    /// Whether the range covers all registers of the access.
     fn contains(&self, access: &RegisterAccess) -> bool {
         let end = usize::from(access.address) + usize::from(access.register_or_bit_count);
         self.space == access.space && self.first <= access.address && end <= usize::from(self.last) + 1
@@ -31,6 +32,8 @@ impl AccessList {
         Self { readable, writable: Vec::new() }
     }
 
+    /// Checks that the count is within the limits of one request, and that one range alone covers all registers.
+    ///
     /// # Errors
     /// [`ModbusError::NotAllowed`], with the reason.
     pub(super) fn check_access(&self, access: &RegisterAccess) -> Result<(), ModbusError> {

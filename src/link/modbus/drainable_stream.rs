@@ -22,7 +22,8 @@ pub(super) struct DrainableStream(Arc<Mutex<SharedModbusStream>>);
 
 struct SharedModbusStream {
     stream: BoxedStream,
-    /// Time of the last byte in either direction.
+    /// Time of the last byte read or attempt to write; at first the time of creation. The silence is measured from
+    /// here.
     last_byte_time: Instant,
 }
 

@@ -20,8 +20,10 @@ pub enum ModbusError {
     /// The late replies of earlier requests did not arrive: the request was not sent.
     #[error("{request} was not sent: late replies of earlier requests may still arrive ({why})")]
     LineNotCleared { request: String, why: String },
+    /// The access list does not permit the request, or its count is out of range: the request was not sent.
     #[error("{request} is not allowed: {why}")]
     NotAllowed { request: String, why: String },
+    /// The device confirmed the write, but the registers hold other values afterwards.
     #[error("{request}: written {written:?}, read back {read:?}")]
     ReadBackDiffers { request: String, written: Vec<u16>, read: Vec<u16> },
     #[error("{request}: the device confirmed the write, but reading back failed: {source}")]

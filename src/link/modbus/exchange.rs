@@ -23,17 +23,23 @@ pub(super) struct ModbusExchange {
     backend: LinkBackend,
     /// Urgent writes. A queued urgent write shortens the wait for a TCP reply, and ends the clearing of an RTU line.
     pub(super) urgent_queue: UrgentQueue,
+    /// Open stream; `None`: closed, and the next request opens the connection.
     stream: Option<DrainableStream>,
-    /// Over TCP, the context lives as long as the connection, because it holds the transaction numbers.
+    /// Over TCP, the context lives as long as the connection, because it holds the transaction numbers. On RTU, each
+    /// request gets a new one.
     context: Option<Context>,
     /// Replies that may still arrive (RTU).
     pending_replies: Vec<ReplyShape>,
+    /// Shape of the reply to the last request that was sent, to any unit. On RTU, bytes that arrive without a request
+    /// may be this reply, sent twice.
     last_expected_reply_shape: Option<ReplyShape>,
 }
 
 /// Result of one call.
 enum CallOutcome {
-    Replied(tokio_modbus::Result<Response>),
+    /// Result of tokio-modbus before the time limit: a reply, an exception, or an error of the transport.
+    Ended(tokio_modbus::Result<Response>),
+    /// No reply within this time: the time limit of the device, or the shorter one of a hold over TCP.
     NoReplyWithin(Duration),
 }
 
@@ -57,13 +63,13 @@ impl ModbusExchange {
         Ok(())
     }
 
-    /// Clears the line, sends `access` once, and returns the register values of the reply.
+    /// Clears the line, sends `access` once, and returns the register values of the reply; empty for a write.
     pub(super) async fn perform(
         &mut self,
         access: &RegisterAccess,
         settings: &DeviceSettings,
     ) -> Result<Vec<u16>, ModbusError> {
-        self.open_and_wait_for_silence().await?;
+        self.prepare_connection().await?;
         self.clear_line(access, settings).await?;
         self.send_request(access, settings).await
     }
@@ -71,13 +77,14 @@ impl ModbusExchange {
     /// Like `perform`, without clearing the line first: a hold does not wait.
     pub(super) async fn perform_urgent(&mut self, access: &RegisterAccess, settings: &DeviceSettings) {
         // A failure is not reported: only the device can show whether the write has arrived.
-        if self.open_and_wait_for_silence().await.is_ok() {
+        if self.prepare_connection().await.is_ok() {
             let _ = self.send_request(access, settings).await;
         }
     }
 
-    /// Opens the connection if necessary, and waits until the line is silent.
-    async fn open_and_wait_for_silence(&mut self) -> Result<(), ModbusError> {
+    /// Opens the connection if it is closed. RTU: drops bytes until the line is silent; such bytes may be a repeated
+    /// reply. TCP: does not wait; reopens the connection if bytes have arrived without a request.
+    async fn prepare_connection(&mut self) -> Result<(), ModbusError> {
         if let Some(stream) = &mut self.stream {
             let drained = match self.line.framing {
                 Framing::Rtu => stream.drain_until_silent(self.line.frame_silence()).await,
@@ -107,7 +114,7 @@ impl ModbusExchange {
         self.stream = None;
     }
 
-    /// A read whose reply cannot be confused with any pending reply.
+    /// A permitted read whose reply cannot be confused with any pending reply; `None`: there is none.
     fn choose_test_read(&self, settings: &DeviceSettings) -> Option<RegisterAccess> {
         let mut test_reads = settings.access_list.reads_of_distinct_reply_length();
         test_reads.find(|test_read| !self.pending_replies.contains(&test_read.reply_shape(settings.unit)))
@@ -152,8 +159,9 @@ impl ModbusExchange {
         Err(ModbusError::LineNotCleared { request: access.to_string(), why })
     }
 
-    /// Waits for a long silence, because the reply to no test read could be distinguished from the pending replies. An
-    /// urgent write ends the wait.
+    /// Waits for a silence as long as the device's time limit; then no reply of the unit counts as pending. For a
+    /// device of which no test read has a distinguishable reply. An urgent write ends the wait, and the replies stay
+    /// pending.
     async fn wait_for_pending_replies(&mut self, settings: &DeviceSettings) {
         self.stream.iter().for_each(DrainableStream::restart_silence_timer);
         self.drain_until_silent_or_urgent(settings.timeout).await;
@@ -162,7 +170,7 @@ impl ModbusExchange {
         }
     }
 
-    /// Sends one test read of `clear_line`; returns its error, if any.
+    /// Sends one test read of `clear_line`; returns its error, if any. An exception reply is an answer, not an error.
     async fn send_test_read(&mut self, test_read: &RegisterAccess, settings: &DeviceSettings) -> Option<ModbusError> {
         let shape = test_read.reply_shape(settings.unit);
         let ambiguous = self.pending_replies.iter().any(|reply| reply.has_same_unit_and_function(shape));
@@ -194,6 +202,7 @@ impl ModbusExchange {
         }
     }
 
+    /// Sends the request once. Without a valid reply, RTU counts the reply as pending, and TCP closes the connection.
     async fn send_request(
         &mut self,
         access: &RegisterAccess,
@@ -204,21 +213,21 @@ impl ModbusExchange {
         self.last_expected_reply_shape = Some(shape);
         let unexpected_reply = |why| ModbusError::UnexpectedReply { request: request.clone(), why };
         let error = match self.call_device(access, settings).await {
-            CallOutcome::Replied(Ok(Ok(reply))) => match access.decode_reply(reply) {
+            CallOutcome::Ended(Ok(Ok(reply))) => match access.decode_reply(reply) {
                 Ok(words) => return Ok(words),
                 Err(error) => error,
             },
-            CallOutcome::Replied(Ok(Err(exception))) => {
+            CallOutcome::Ended(Ok(Err(exception))) => {
                 let function = access.to_pdu().function_code().value();
                 return Err(ModbusError::ExceptionReply { request, function, code: exception.into() });
             }
-            CallOutcome::Replied(Err(tokio_modbus::Error::Protocol(error))) => unexpected_reply(error.to_string()),
-            CallOutcome::Replied(Err(tokio_modbus::Error::Transport(error)))
+            CallOutcome::Ended(Err(tokio_modbus::Error::Protocol(error))) => unexpected_reply(error.to_string()),
+            CallOutcome::Ended(Err(tokio_modbus::Error::Transport(error)))
                 if error.kind() == std::io::ErrorKind::InvalidData =>
             {
                 unexpected_reply(error.to_string())
             }
-            CallOutcome::Replied(Err(tokio_modbus::Error::Transport(error))) => {
+            CallOutcome::Ended(Err(tokio_modbus::Error::Transport(error))) => {
                 let why = self.loss_reason(error).await;
                 self.stream = None;
                 ModbusError::ConnectionLost { request, why }
@@ -233,10 +242,11 @@ impl ModbusExchange {
         Err(error)
     }
 
+    /// Calls the device once, within its time limit. Over TCP, a queued urgent write shortens the wait to 20 ms.
     async fn call_device(&mut self, access: &RegisterAccess, settings: &DeviceSettings) -> CallOutcome {
         let Some(stream) = &self.stream else {
             let closed = std::io::Error::from(std::io::ErrorKind::NotConnected);
-            return CallOutcome::Replied(Err(closed.into()));
+            return CallOutcome::Ended(Err(closed.into()));
         };
         let unit = Slave(settings.unit);
         let framing = self.line.framing;
@@ -253,7 +263,7 @@ impl ModbusExchange {
         tokio::select! {
             biased;
             replied = timeout(settings.timeout, context.call(access.to_pdu())) => {
-                replied.map_or(CallOutcome::NoReplyWithin(settings.timeout), CallOutcome::Replied)
+                replied.map_or(CallOutcome::NoReplyWithin(settings.timeout), CallOutcome::Ended)
             }
             () = hold_deadline, if framing == Framing::Tcp => CallOutcome::NoReplyWithin(MAX_HOLD_WAIT_FOR_TCP_REPLY),
         }

@@ -36,7 +36,7 @@ const FRAME_SILENCE_ABOVE_19200_BAUD: Duration = Duration::from_micros(1750);
 const NETWORK_FRAME_SILENCE: Duration = Duration::from_millis(20);
 
 impl ModbusLineConfig {
-    /// Default settings: RTU on a serial port, Modbus TCP over TCP, no parity.
+    /// Default settings: RTU on a serial port, Modbus TCP over TCP; no parity, unlike [`Self::from_keys`].
     pub fn with_defaults(link: LinkConfig) -> Self {
         let framing = if matches!(link, LinkConfig::Tcp(_)) { Framing::Tcp } else { Framing::Rtu };
         Self { link, framing, parity: Parity::default() }
@@ -60,7 +60,7 @@ impl ModbusLineConfig {
         Ok(Self { framing, parity, ..default_line })
     }
 
-    /// Silence that ends a frame.
+    /// Silence that ends a frame. RTU over TCP has the silence of a network.
     pub(super) fn frame_silence(&self) -> Duration {
         match self.link.baud() {
             None => NETWORK_FRAME_SILENCE,

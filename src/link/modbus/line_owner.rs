@@ -28,7 +28,8 @@ pub(super) async fn start_line_owner_thread(
 
 struct LineOwner {
     exchange: ModbusExchange,
-    /// Whether a hold was sent: all writes except urgent ones are refused, and reads continue.
+    /// Whether a hold was sent: from then on, until this thread ends, all writes except urgent ones are refused.
+    /// Reads continue.
     is_hold_active: bool,
 }
 
@@ -50,6 +51,7 @@ impl LineOwner {
         }
     }
 
+    /// Sends all queued urgent writes; from then on the hold is active.
     async fn send_urgent_writes(&mut self) {
         while let Some(UrgentWrite { access, settings }) = self.exchange.urgent_queue.pop() {
             self.is_hold_active = true;

@@ -107,7 +107,7 @@ struct QueuedAccess {
     access: RegisterAccess,
     /// Settings of the addressed device.
     settings: Arc<DeviceSettings>,
-    /// Whether the write is read back.
+    /// Whether the registers are read back after the write and compared; false for a read.
     needs_read_back: bool,
     reply_sender: oneshot::Sender<Result<Vec<u16>, ModbusError>>,
 }
@@ -171,7 +171,7 @@ impl ModbusClient {
         self.perform(RegisterAccess::new_write(address, words), false).await.map(drop)
     }
 
-    /// Prepares a write that will overtake all others.
+    /// Prepares a write that will overtake all others; nothing is sent yet.
     ///
     /// # Errors
     /// The write is not allowed.

@@ -150,6 +150,7 @@ impl NumberFormat {
         if number.abs() <= MAX_EXACT_INTEGER { Ok(number) } else { Err(RegisterValueError::NotExactInF64(whole)) }
     }
 
+    /// Bits of an integer; `None`: out of range for the type, or above 2^53 in magnitude.
     fn encode_integer(&self, whole: f64) -> Option<u64> {
         let bits = 16 * u32::from(self.register_count());
         let (least, most) = if self.number_type.is_signed() {

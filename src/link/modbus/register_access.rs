@@ -16,6 +16,7 @@ pub(super) const MAX_READ_BITS: u16 = 2000;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct RegisterAccess {
     pub(super) space: RegisterSpace,
+    /// Address of the first register or bit, counted from 0.
     pub(super) address: u16,
     pub(super) register_or_bit_count: u16,
     /// `None` for a read.

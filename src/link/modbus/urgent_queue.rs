@@ -9,6 +9,7 @@ use super::UrgentWrite;
 /// Queue of urgent writes, which can be checked during a request.
 pub(super) struct UrgentQueue {
     incoming: mpsc::UnboundedReceiver<UrgentWrite>,
+    /// Writes taken from `incoming` but not yet sent, the oldest first.
     received_writes: VecDeque<UrgentWrite>,
 }
 
@@ -35,7 +36,7 @@ impl UrgentQueue {
         !self.received_writes.is_empty()
     }
 
-    /// Removes the oldest urgent write.
+    /// Removes the oldest urgent write that `wait_for_write` or `has_write` has taken from the channel.
     pub(super) fn pop(&mut self) -> Option<UrgentWrite> {
         self.received_writes.pop_front()
     }

@@ -39,6 +39,7 @@ pub(super) fn parse_capture(file: &str, text: &str) -> Result<Vec<CapturedLink>,
     Ok(links)
 }
 
+/// Adds the content of one line to its link. A further `=` of a link adds nothing.
 fn parse_capture_line(line: &str, links: &mut Vec<CapturedLink>) -> Result<(), &'static str> {
     let mut parts = line.splitn(4, ' ');
     let mut next = || parts.next().ok_or("the line has too few columns");
@@ -81,6 +82,7 @@ fn unescape(text: &str) -> Result<Vec<u8>, &'static str> {
     Ok(bytes)
 }
 
+/// Byte of an escape whose backslash is already read; `None`: unknown escape.
 fn parse_escape(rest: &mut impl Iterator<Item = u8>) -> Option<u8> {
     Some(match rest.next()? {
         b'n' => b'\n',

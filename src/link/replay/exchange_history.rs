@@ -8,14 +8,16 @@ use super::CapturedReply;
 #[derive(Default)]
 pub(super) struct CommandExchange {
     pub(super) command: Vec<u8>,
+    /// Data received until the next command, without the replies to queries.
     pub(super) replies: Vec<CapturedReply>,
-    /// Replies to each query.
+    /// Replies to each query that was sent after this command: one entry per reply, in order.
     pub(super) query_replies: BTreeMap<Vec<u8>, Vec<Vec<CapturedReply>>>,
 }
 
 /// All exchanges of a link. The first one has no command: it holds the data received before the first command.
 pub(super) struct ExchangeHistory {
     exchanges: Vec<CommandExchange>,
+    /// Index of the exchange of the last replayed command.
     current_index: usize,
     /// Number of replies to each query that the replay has returned since the current command.
     returned_reply_counts: BTreeMap<Vec<u8>, usize>,
@@ -65,7 +67,8 @@ impl ExchangeHistory {
         self.exchanges.get(self.current_index).map(|exchange| exchange.replies.clone()).unwrap_or_default()
     }
 
-    /// Next captured reply to `query` after the current command; if all are used, the last of them.
+    /// Next captured reply to `query` after the current command; if all are used, the last of them. `None`: the
+    /// capture has no reply to `query` between the current and the next command.
     pub(super) fn reply_since_current_command(&mut self, query: &[u8]) -> Option<Vec<CapturedReply>> {
         let reply_count = self.returned_reply_counts.entry(query.to_owned()).or_default();
         let captured_replies = self.exchanges.get(self.current_index)?.query_replies.get(query);

@@ -8,6 +8,7 @@ use super::{CapturedReply, LinkScript, ReplayError};
 /// A command is a written file: its name, a line feed, its text.
 pub(super) struct FileScript(ExchangeHistory);
 
+/// Name of the file in an entry: the text before the first line feed.
 fn file_name(entry: &[u8]) -> &[u8] {
     entry.split(|byte| *byte == b'\n').next().unwrap_or_default()
 }
@@ -45,7 +46,7 @@ impl LinkScript for FileScript {
     }
 }
 
-/// First line of `captured` that differs from `written`.
+/// First line of `captured` that differs from `written`; `shorter` if `captured` has no such line.
 fn first_differing_line(captured: &[u8], written: &[u8]) -> String {
     let mut written = written.split(|byte| *byte == b'\n');
     let difference = captured.split(|byte| *byte == b'\n').find(|line| written.next() != Some(*line));

@@ -51,6 +51,7 @@ impl LineScript {
         Self { history, has_replayed_initial_lines: false, splitter: CommandSplitter::default() }
     }
 
+    /// Replies to a command that is neither poll nor query: it must be the next captured command.
     fn reply_to_command(&mut self, command: &[u8]) -> Result<Vec<CapturedReply>, ReplayError> {
         match self.history.following_exchanges().first() {
             Some(next) if next.command == command => Ok(self.history.advance_to_following(0)),
@@ -113,6 +114,7 @@ struct CommandSplitter {
 }
 
 impl CommandSplitter {
+    /// Returns the complete lines (with line feed) and single bytes, in order; keeps an incomplete line.
     fn split_commands(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let mut pieces = Vec::new();
         for byte in bytes {

@@ -68,7 +68,9 @@ trait LinkScript: Send {
 /// All links of a capture.
 #[derive(Clone)]
 pub struct CaptureReplay {
+    /// Links of the capture that no link of the program has taken yet.
     remaining_links: Arc<Mutex<Vec<CapturedLink>>>,
+    /// Capture time of the latest reply that any link has returned, s.
     now_s: Arc<Mutex<f64>>,
 }
 
@@ -88,8 +90,8 @@ impl CaptureReplay {
         Arc::new(self.clone())
     }
 
-    /// Next link of this name. Names may have changed since the capture: without a match, the next link of the same
-    /// protocol.
+    /// Takes the next captured link of this protocol and name. Names may have changed since the capture: without a
+    /// match, the next link of the same protocol; without any, every use of the link fails.
     pub(super) fn take_link_replay(&self, name: &str, protocol: LinkProtocol) -> LinkReplay {
         let mut links = lock(&self.remaining_links);
         let has_protocol = |link: &CapturedLink| link.protocol == protocol;
@@ -132,7 +134,9 @@ pub(super) struct LinkReplay {
 
 #[derive(Default)]
 struct ReplayState {
+    /// `None` after a failure.
     script: Option<Box<dyn LinkScript>>,
+    /// Replies that are not yet read.
     reply_bytes: VecDeque<u8>,
     failure: Option<ReplayError>,
     reader_waker: Option<Waker>,
@@ -143,7 +147,7 @@ impl LinkReplay {
         ReplayStream(self.clone())
     }
 
-    /// Passes sent bytes to the replay, and returns all replies.
+    /// Passes sent bytes to the replay, and removes and returns all replies that are not yet read.
     ///
     /// # Errors
     /// The command is not in the capture.
@@ -156,7 +160,8 @@ impl LinkReplay {
         }
     }
 
-    /// Passes sent bytes to the replay.
+    /// Passes sent bytes to the replay, which stores the replies to be read and moves the clock to their capture
+    /// times.
     pub(super) fn process_sent_bytes(&self, bytes: &[u8]) {
         let mut state = lock(&self.state);
         let Some(script) = &mut state.script else { return };

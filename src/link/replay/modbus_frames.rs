@@ -7,6 +7,7 @@ use crate::modbus::Framing;
 /// A request or reply without its envelope: the unit, then the PDU.
 pub(super) type FrameBody = Vec<u8>;
 
+/// Bytes before the frame body: the MBAP header without the unit identifier.
 const TCP_HEADER_BYTES: usize = 6;
 
 impl Framing {

@@ -11,9 +11,11 @@ use crate::modbus::Framing;
 pub(super) struct RegisterScript {
     framing: Framing,
     history: ExchangeHistory,
+    /// Sent bytes that do not yet form a complete frame.
     sent_bytes: Vec<u8>,
 }
 
+/// Function code without the exception bit; 0 if the body has none.
 fn function_code(body: &[u8]) -> u8 {
     body.get(1).map_or(0, |code| code & 0x7F)
 }
@@ -22,7 +24,7 @@ fn is_read_request(body: &[u8]) -> bool {
     matches!(function_code(body), 1..=4)
 }
 
-/// Unit, function, address and count of a write of a single register.
+/// Unit, function, address and count of a write (function 16) of a single register; `None`: another request.
 fn single_register_write_header(body: &[u8]) -> Option<&[u8]> {
     let count = body.get(4..6)?;
     (function_code(body) == 16 && count == [0, 1]).then(|| body.get(..6)).flatten()
@@ -62,6 +64,8 @@ impl RegisterScript {
         Self { framing, history, sent_bytes: Vec::new() }
     }
 
+    /// Replies to one request. A write must be the next captured write, after any captured writes of a single
+    /// register; another write of a single register is confirmed if the capture contains a write of this register.
     fn reply_to_request(&mut self, request: &[u8]) -> Result<Vec<CapturedReply>, ReplayError> {
         if is_read_request(request) {
             let unknown = || ReplayError::UnknownRequest { request: describe_request(request) };

@@ -11,7 +11,7 @@ pub struct ArtefactBody {
     /// e.g. `artefact`, `ball 3`, `stem of ball 3`.
     pub name: String,
     pub shape: BodyShape,
-    /// Whether the probe may touch the body; false for a stem.
+    /// Whether the probe may touch the body; false for a stem and for a datum cylinder.
     pub is_touchable: bool,
 }
 
@@ -93,6 +93,7 @@ fn ball_body(ball: &Ball) -> ArtefactBody {
     ArtefactBody { name: format!("ball {}", ball.id), shape: BodyShape::Ball { centre, radius }, is_touchable: true }
 }
 
+/// Stem of a ball; `None`: not declared, that is, radius or length is 0.
 fn stem_body(ball: &Ball) -> Option<ArtefactBody> {
     let from = Vector3::from(ball.centre_mm);
     let to = from + unit_vector(Vector3::from(ball.stem)).unwrap_or_default() * ball.stem_length_mm;

@@ -16,6 +16,7 @@ pub struct ArtefactFault {
     pub message: String,
 }
 
+/// Faulty entry of the artefact: index of a ball or of a certified length, from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ArtefactEntry {
     Ball(usize),
@@ -100,6 +101,8 @@ fn check_ball_pair(entry: &EntryCheck, ball: &Ball, other: &Ball) -> CheckResult
     Ok(())
 }
 
+/// Checks a certified length: its balls, its numbers, and its agreement with the stated centres within twice
+/// `uncertainty_mm`.
 fn check_certified_length(
     entry: &EntryCheck,
     length: &CertifiedLength,

@@ -10,7 +10,7 @@ pub use observed_surface::{ObservedCylinder, ObservedSurface, ObservedSurfaceErr
 
 use crate::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder};
 
-/// Maximum distance of the artefact's true position from its stated position, mm.
+/// Maximum distance of the artefact's true position (for balls: of each centre) from the stated one, mm.
 pub fn max_misplacement_mm(artefact: &Artefact) -> f64 {
     match artefact {
         Artefact::Cylinder(Cylinder { uncertainty_mm, .. })

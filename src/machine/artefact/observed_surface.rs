@@ -26,7 +26,7 @@ pub struct ObservedSurface {
     pub section_index: Option<usize>,
     /// Direction from the axis to the sensor, counter-clockwise from +X, rad.
     pub sensor_angle_rad: f64,
-    /// Distance of the measured point on the face from the axis, mm.
+    /// Distance of the measured point on the face from the axis, mm; 0 for a cross section.
     pub face_point_radius_mm: f64,
 }
 
@@ -112,7 +112,7 @@ impl ObservedCylinder<'_> {
         Ok(ObservedSurface { section_index: section, sensor_angle_rad: angle_rad, face_point_radius_mm: 0.0 })
     }
 
-    /// Index of the cross section at `height_mm` above the foot.
+    /// Index of the cross section nearest to `height_mm` above the foot, within `MAX_BEAM_SECTION_OFFSET_MM`.
     fn section_index_at(&self, height_mm: f64) -> Result<usize, ObservedSurfaceError> {
         let distance_to_section = |section: usize| (self.cylinder.sections[section].z_mm - height_mm).abs();
         let sections = 0..self.cylinder.sections.len();

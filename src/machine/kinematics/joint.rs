@@ -18,6 +18,7 @@ pub(super) struct Joint {
     pub(super) axis: Axis,
     /// Sign of the branch times sense of the axis: the joint moves by `sign · command`.
     pub(super) command_sign: f64,
+    /// Unit vector of the travel or of the rotary axis, machine frame, all axes at zero; without `command_sign`.
     pub(super) direction: Vector3<f64>,
     /// A point on a rotary axis; zero for a linear axis. Angular errors rotate about it.
     pub(super) point: Vector3<f64>,

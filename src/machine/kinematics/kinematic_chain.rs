@@ -17,7 +17,9 @@ use crate::{Axis, Position};
 #[derive(Debug, Clone)]
 pub struct KinematicChain {
     topology: Topology,
+    /// Joints from the bed to the workpiece, beginning at the bed.
     pub(super) workpiece_joints: Vec<Joint>,
+    /// Joints from the bed to the tool, beginning at the bed.
     pub(super) tool_joints: Vec<Joint>,
 }
 
@@ -151,6 +153,7 @@ impl KinematicChain {
     }
 }
 
+/// Pose of the end of the branch in the machine frame.
 pub(super) fn branch_pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> Pose {
     branch.iter().fold(Pose::identity(), |outer, joint| outer * joint.pose_with_errors(position, errors))
 }

@@ -22,7 +22,7 @@ impl AxisTrack {
     }
 
     /// Appends a position: a value for each axis, in their order, mm or rad. A position that is not later than the
-    /// last one is dropped.
+    /// last one, or that lacks a value, is dropped and counts as a gap.
     pub fn push(&mut self, t_s: f64, values: impl IntoIterator<Item = f64>) {
         if self.times_s.last().is_some_and(|last| *last >= t_s) {
             return self.record_gap();
@@ -50,12 +50,13 @@ impl AxisTrack {
         self.times_s.len()
     }
 
-    /// Number of gaps between the first and the last position.
+    /// Number of gaps between the first and the last position, each of one or more missing positions.
     pub fn gap_count(&self) -> usize {
         self.indices_after_gap.iter().filter(|gap| **gap < self.position_count()).count()
     }
 
-    /// Position of the axes at time `t_s`; `None` before the first position, after the last, and in a gap.
+    /// Position of the axes at time `t_s`, interpolated linearly; `None` before the first position, after the last,
+    /// and in a gap.
     pub fn position_at(&self, t_s: f64) -> Option<Position> {
         let after = self.times_s.partition_point(|time| *time < t_s);
         let (late_s, late) = (*self.times_s.get(after)?, self.axis_values_of_position(after)?);
@@ -86,7 +87,8 @@ impl AxisTrack {
         Some((*self.times_s.get(last_rest)?, *self.times_s.get(first_rest)?))
     }
 
-    /// Number of `points` that the track reaches in sequence, each within `tolerance` (mm or rad).
+    /// Number of `points` that the track reaches in sequence, each within `tolerance` (mm or rad) on every axis that
+    /// the point contains. One position of the track reaches at most one point.
     pub fn reached_point_count(&self, points: &[Position], tolerance: f64) -> usize {
         let mut reached = 0;
         for values in self.flat_positions_mm_or_rad.chunks_exact(self.axes.len().max(1)) {

@@ -43,8 +43,8 @@ impl Unit {
     }
 }
 
-/// An estimated parameter. GUM: `u` standard uncertainty, `U = k·u` expanded uncertainty, `dof` effective degrees of
-/// freedom (`null`: infinitely many).
+/// An estimated parameter, in `unit`. GUM: `u` standard uncertainty, `U = k·u` expanded uncertainty, `dof` effective
+/// degrees of freedom (`null`: infinitely many).
 #[allow(non_snake_case)]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
@@ -57,16 +57,16 @@ pub struct Parameter {
     pub k: f64,
     pub dof: Option<f64>,
     pub identifiable: bool,
-    /// Standard uncertainty by Monte Carlo (JCGM 101), in addition to the first-order `u`.
+    /// Standard uncertainty by Monte Carlo (JCGM 101). `u` is of first order; for a nonlinear parameter, this value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub u_monte_carlo: Option<f64>,
-    /// Shortest Monte Carlo interval with the coverage probability of k.
+    /// Shortest Monte Carlo interval with the coverage probability of k, in the same unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub interval_monte_carlo: Option<[f64; 2]>,
-    /// Contributions to the standard uncertainty by source, in the same unit.
+    /// Contributions to `u`, one line per source, in the same unit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub budget: Vec<BudgetLine>,
-    /// Judgement against the limit, if there is one.
+    /// Judgement against the limit; absent if no limit is stated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub judged: Option<LimitVerdict>,
 }
@@ -160,6 +160,7 @@ impl Estimate {
     }
 }
 
+/// A function by its points: `y` with its `u`, in `unit`, at `x`, in `argument_unit`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EstimatedFunction {
     pub symbol: String,
@@ -202,7 +203,7 @@ pub struct CircleFigure {
     pub y: Vec<f64>,
     pub centre: [f64; 2],
     pub radius: f64,
-    /// Expanded uncertainty of the centre in x and y.
+    /// Expanded uncertainty U of the centre in x and y.
     pub centre_expanded: [f64; 2],
 }
 
@@ -246,12 +247,12 @@ pub struct FigureArrow {
     /// The vector by the identified model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub modelled: Option<[f64; 3]>,
-    /// Whether the vector needs a check.
+    /// Whether the vector belongs to an outlier.
     #[serde(default)]
     pub flagged: bool,
 }
 
-/// Covariance of the parameters of an estimate.
+/// Covariance of the parameters in `symbols`: those that are linear in the unknowns. Other parameters are missing.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ParameterCovariance {
     pub symbols: Vec<String>,
@@ -259,7 +260,7 @@ pub struct ParameterCovariance {
     pub rows: Vec<Vec<f64>>,
 }
 
-/// Tolerance of a parameter: |value| of `symbol` is at most `limit`, in `unit`.
+/// Tolerance of a parameter: |value| of `symbol` is at most `limit`, inclusive, in `unit`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterTolerance {
     pub symbol: String,
@@ -267,12 +268,14 @@ pub struct ParameterTolerance {
     pub limit: f64,
 }
 
+/// Judgement with guard band: a parameter passes if |value| + U is at most the limit, and fails if |value| − U is
+/// above.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     Pass,
     Fail,
-    /// The uncertainty interval contains a limit.
+    /// The interval value ± U contains a limit, or the parameter is not identifiable or not finite.
     Undecided,
     /// The readings contradict the model and the declared sources: no uncertainty is reliable, whatever the limits.
     #[serde(rename = "undecided (model)")]
@@ -322,8 +325,7 @@ pub struct Provenance {
     /// Lowest and highest reading of each thermometer, °C.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub temperatures_c: BTreeMap<String, [f64; 2]>,
-    /// Numbers of the runs that the estimate combines, in ascending order. The other fields are those of the newest of
-    /// them. Empty: the estimate is of one run.
+    /// Numbers of the combined runs, ascending; empty for one run. The other fields are those of the newest of them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub combined_runs: Vec<i64>,
 }
@@ -338,7 +340,7 @@ pub struct Estimate {
     /// Coverage probability of each value ± U, in percent; absent in estimates of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coverage_percent: Option<f64>,
-    /// Number of Monte Carlo trials.
+    /// Number of Monte Carlo trials; absent: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials: Option<usize>,
     pub parameters: Vec<Parameter>,
@@ -348,10 +350,12 @@ pub struct Estimate {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub arrows: Vec<ArrowFigure>,
     pub covariance: ParameterCovariance,
+    /// Rank of the equations of the fit; `unknowns`: number of its free unknowns, without those that a gauge fixes.
     pub rank: usize,
     pub unknowns: usize,
+    /// Condition number σmax/σmin of the column-scaled equations of the fit; of several fits or runs: the largest.
     pub condition: f64,
-    /// The least certain combination of unknowns, as text.
+    /// The least certain combination of unknowns, as text; absent if the method does not compute it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weakest: Option<String>,
     /// Conventions and definitions that the parameters are based on, one sentence each.
@@ -364,11 +368,14 @@ pub struct Estimate {
     /// kinematic model at `point_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub location_at_mm: Option<[f64; 3]>,
+    /// What the measurement cannot determine, as text.
     pub not_identifiable: Vec<String>,
+    /// Root mean square of the residuals without weights; of several runs: that of their values.
     pub residual_rms_um: f64,
+    /// Degrees of freedom of the fit; 0 if its residuals are not compared with the declared sources.
     pub degrees_of_freedom: usize,
-    /// χ² divided by its expected value if all declared values are correct. The expected value is the number of degrees
-    /// of freedom, unless sources are declared that affect many readings together.
+    /// χ² divided by its expected value if all declared values are correct (the number of degrees of freedom, unless
+    /// declared sources affect many readings together); 0 if there is no expected value.
     pub chi2_per_dof: f64,
     pub verdict: Verdict,
     /// Decision rule of the verdict, as text.

@@ -22,14 +22,16 @@ pub enum RunEvent {
     ControlPrepared {
         identity: String,
     },
-    /// The text of a stage was read back and proven; the stage has not started.
+    /// The prompts of a stage are confirmed, and its text was read back and proven; none of its motions has started.
     StageProven {
         stage: u32,
         proof: StageProof,
     },
+    /// The stage is stored; its prompts and its proof follow. After a stop, `stage` has the remaining steps only.
     StageStarted {
         stage: Stage,
     },
+    /// A step begins. `remaining_s`: computed machine time from the start of this step to the end of the run.
     StepStarted {
         step: u32,
         repeat: u32,
@@ -63,16 +65,18 @@ pub enum RunEvent {
         samples: usize,
         flagged: usize,
     },
-    /// The tool centre by the control after the step `step`, before the machine turns to another position of its rotary
-    /// axes.
+    /// The tool centre by the control after the step `step`: after the last step of a stage, and before the machine
+    /// turns to another position of its rotary axes.
     ToolCentreRead {
         step: u32,
         repeat: u32,
         reading: ToolCentreReading,
     },
+    /// The run is interrupted because a person requested the stop.
     Held {
         reason: String,
     },
+    /// The run is interrupted by an error, or its readings cannot be identified. `what`: the error.
     Faulted {
         what: String,
         remedy: String,
@@ -93,6 +97,7 @@ pub enum RunEvent {
     Resumed {
         gap_s: f64,
     },
+    /// All stages are measured; the identification follows.
     Finished,
     /// The samples of this many scans were removed, because their retention time was over.
     SamplesRemoved {

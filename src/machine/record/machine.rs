@@ -60,13 +60,14 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Acceleration of the slowest of X, Y and Z, mm/s².
+    /// Smallest acceleration of X, Y and Z, mm/s².
     pub fn min_linear_acceleration_mm_s2(&self) -> f64 {
         let linear = self.axes.iter().filter(|(axis, _)| axis.is_linear());
         linear.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min)
     }
 
-    /// Position with all rotary axes at zero, or at the limit nearest to zero; the spindle keeps its orientation.
+    /// Position of the rotary axes alone: each at zero, or at the limit nearest to zero. Neither X, Y, Z nor S is
+    /// contained: the spindle keeps its orientation.
     pub fn rotary_zero_position(&self) -> Position {
         let rotary = self.axes.iter().filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
         rotary.map(|(axis, spec)| (*axis, axis.to_mm_or_rad(spec.position_nearest_zero()))).collect()
@@ -77,6 +78,7 @@ impl Machine {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StatedAxis {
+    /// Sense of a positive command of the axis.
     #[serde(default)]
     pub positive: AxisSense,
     /// A point on a rotary axis, all axes at zero, machine frame.
@@ -130,8 +132,8 @@ impl StatedAxis {
         0.0_f64.max(self.min).min(self.max)
     }
 
-    /// First and last multiple of `increment` within the limits.
-    pub fn first_and_last_multiple_within_limits(&self, increment: f64) -> [i64; 2] {
+    /// The integers n of the first and the last position n·`increment` (mm or degrees) within the limits.
+    pub fn first_and_last_multiplier_within_limits(&self, increment: f64) -> [i64; 2] {
         [(self.min / increment - 1e-9).ceil() as i64, (self.max / increment + 1e-9).floor() as i64]
     }
 }
@@ -184,11 +186,13 @@ pub struct Probe {
     /// not checked.
     #[serde(default)]
     pub stem_radius_mm: f64,
+    /// Length of the stylus stem from the centre of the stylus ball.
     #[serde(default)]
     pub stem_length_mm: f64,
     /// Radius of the probe body, from the end of the stem up. 0: not declared, and therefore not checked.
     #[serde(default)]
     pub body_radius_mm: f64,
+    /// Length of the probe body from the upper end of the stem.
     #[serde(default)]
     pub body_length_mm: f64,
     /// Maximum deflection of the stylus beyond contact.
@@ -270,6 +274,7 @@ pub struct Solid {
     /// spindle datum).
     pub from_mm: [f64; 3],
     pub to_mm: [f64; 3],
+    /// Radius of a cylinder; absent: the body is a box.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius_mm: Option<f64>,
 }

@@ -25,7 +25,7 @@ pub struct MeasurementCheck {
 pub struct Outlier {
     /// Candidates; several if the readings do not show which of them is wrong.
     pub candidates: Vec<OutlierCandidate>,
-    /// Externally studentised residual.
+    /// Externally studentised residual; for a measurement of several rows, the length of its studentised residuals.
     #[serde(rename = "t")]
     pub studentised_residual: f64,
     /// Action taken, as text; absent: none.

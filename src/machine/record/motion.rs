@@ -19,7 +19,8 @@ pub enum Motion {
         to: Position,
         feed_mm_min: f64,
     },
-    /// Move at feed without contact detection: along a scan and towards it, where nothing can be touched.
+    /// Move at feed without contact detection: along a scan and towards it, where nothing can be touched. If only
+    /// rotary axes move, the feed is in degrees per minute.
     Feed {
         to: Position,
         feed_mm_min: f64,
@@ -44,7 +45,7 @@ pub enum Motion {
     },
 }
 
-/// The motions of one step, executed as one unit: at most one `Probe`.
+/// Motions of one step, or of a part of it, executed as one unit: at most one `Probe`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MotionBlock {
     pub step: u32,

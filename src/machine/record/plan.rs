@@ -23,6 +23,7 @@ pub const FIRST_REPEAT_NUMBER_AFTER_STOP: u32 = 1000;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
+    /// Version of the plan format, [`PLAN_VERSION`].
     pub trued_plan: u32,
     pub method: String,
     /// Settings of the method, complete with defaults.
@@ -83,6 +84,7 @@ pub struct Step {
     pub label: String,
     pub from: Position,
     pub to: Position,
+    /// Feed of the touch or scan; in degrees per minute if a scan moves rotary axes only.
     pub feed_mm_min: f64,
     /// Names of the measuring sensors: `probe`, or sensors of the plan. In JSON, `sensor` is the only name, or
     /// empty; `sensors` is the list of several.

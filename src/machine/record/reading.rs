@@ -17,6 +17,7 @@ pub enum ReadingFlag {
     None,
     /// The sensor reports no distance: the surface is out of its range, or gives no echo.
     Range,
+    /// The sensor reports a saturated signal.
     Saturated,
     /// The value repeats an earlier reading, because the sensor gave no new value.
     Stale,

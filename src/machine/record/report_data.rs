@@ -67,7 +67,7 @@ impl ReportData {
         self.fields().iter().filter(|field| field.text.is_none()).map(|field| field.key).collect()
     }
 
-    /// Whether the certificate is no longer valid on `day`, `YYYY-MM-DD`.
+    /// Whether the certificate is no longer valid on `day`, `YYYY-MM-DD`; false if no date is stated.
     pub fn is_certificate_expired(&self, day: &str) -> bool {
         // Dates in the form `YYYY-MM-DD` have the same order as their texts.
         self.certificate_due.as_deref().is_some_and(|due| due < day)

@@ -28,6 +28,8 @@ pub fn serialize<S: Serializer>(names: &[String], serializer: S) -> Result<S::Ok
     keys.serialize(serializer)
 }
 
+/// Reads the names. If both keys are present, `sensors` counts; `sensor` may also be a list.
+///
 /// # Errors
 /// The keys `sensor` and `sensors` are both missing.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {

@@ -11,7 +11,7 @@ pub struct StageProof {
     /// Smallest clearance of all moves that must stay free, between bodies of two sides of the machine; `None` if
     /// no such pair was checked.
     pub nearest: Option<Clearance>,
-    /// The smallest clearance of each step, in order.
+    /// The smallest clearance of each step, in order; a step in which no such pair was checked is missing.
     pub steps: Vec<Clearance>,
     /// What was not checked, as text: bodies that the machine file does not declare, pairs of bodies that are built
     /// close, moves before the positions of all axes are known.
@@ -25,6 +25,7 @@ pub struct Clearance {
     pub step: u32,
     /// Line of the stage's text, from 1.
     pub line: usize,
+    /// Proven lower bound of the distance, less the possible misplacement of a body.
     pub clearance_mm: f64,
     /// e.g. `stylus stem` and `artefact`.
     pub between: [String; 2],

@@ -46,7 +46,8 @@ pub struct LiveValues {
     pub sensors: Vec<LiveSensorValue>,
     /// Cross sections by their numbers, from 1.
     pub sections: Vec<LiveCrossSectionValue>,
-    /// Slope of the line through the centres of two cross sections, along X and Y.
+    /// Slope, along X and Y, of the line through the centres of the two cross sections. Null unless exactly two are
+    /// watched and both centres are determined.
     pub tilt_urad: Option<[f64; 2]>,
 }
 
@@ -70,12 +71,12 @@ pub struct LiveCrossSectionValue {
 }
 
 impl LiveSensorValue {
-    /// Remaining change of the value to the target.
+    /// Target minus value, µm. `None`: no target or no value.
     pub fn change_to_target_um(&self) -> Option<f64> {
         Some((self.target_mm? - self.value_mm?) * 1e3)
     }
 
-    /// Relative position of a distance in the range: 0 at the minimum, 1 at the maximum.
+    /// Relative position of a distance in the range: 0 at the minimum, 1 at the maximum; limited to 0 to 1.
     pub fn fraction_of_range(&self, mm: f64) -> f64 {
         let [min, max] = self.range_mm;
         ((mm - min) / (max - min)).clamp(0.0, 1.0)

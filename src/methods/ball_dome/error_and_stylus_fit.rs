@@ -19,8 +19,9 @@ const GAUSS_NEWTON_STEPS: usize = 3;
 /// Number of unknowns besides the errors: stylus, translation and rotation of the artefact.
 pub const STYLUS_AND_POSE_UNKNOWN_COUNT: usize = 9;
 
-/// The fitted stylus minus the offset of the spindle in the prior. The gain of the stylus applies to the change
-/// of each point minus the change of its certified position. `None`: the readings do not separate errors and stylus.
+/// The fitted stylus minus the offset of the spindle in the prior. Of the other errors of the prior, only the names
+/// are used: their values are fitted, starting at 0. The gain of the stylus applies to the change of each point minus
+/// the change of its certified position. `None`: the readings do not separate errors and stylus.
 pub fn fit_machine_errors_and_stylus(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Option<StylusEstimate> {
     let own = known.errors.iter().filter(|error| !is_spindle_error(error));
     let mut errors: Vec<ErrorTerm> = own.map(|error| ErrorTerm { value: 0.0, ..*error }).collect();
@@ -57,6 +58,8 @@ fn stylus_derivatives_by_spindle_errors(points: &MeasuredPoints, known: &KnownEr
     known.errors.iter().map(of).collect()
 }
 
+/// One step from `errors` and `stylus`. Unknowns: changes of the errors, of the stylus (3), translation and rotation
+/// of the artefact (3 each). `None`: the equations are rank-deficient.
 fn gauss_newton_step(points: &MeasuredPoints, errors: &[ErrorTerm], stylus: Vector3<f64>) -> Option<LinearSolution> {
     let fit = RigidFit::new(&points.certified_positions_mm, &points.table_positions_mm(errors, stylus));
     let parameters: Vec<ErrorParameter> = errors.iter().map(|error| error.parameter).collect();

@@ -29,8 +29,10 @@ use machine::record::reading::Reading;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x646f_6d65;
-/// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
+/// Significant digits of u to which the trials must be stable if the settings select the adaptive number of trials
+/// (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
+/// Maximum number of trials of the adaptive rule.
 const MAX_TRIALS: usize = 20_000;
 
 /// # Errors
@@ -98,7 +100,7 @@ pub fn build_estimate(
     })
 }
 
-/// Puts the deviations of the `shown` variants first.
+/// Puts the deviations of the `shown` variants first: their maxima, then their means.
 fn sort_plotted_deviations_first(parameters: &mut [Parameter], shown: [&DomeVariant; 2]) {
     parameters.sort_by_key(|parameter| {
         let (name, statistic) = parameter.symbol.split_once('_').unwrap_or_default();
@@ -107,6 +109,7 @@ fn sort_plotted_deviations_first(parameters: &mut [Parameter], shown: [&DomeVari
     });
 }
 
+/// Requires at least three different measured balls.
 fn check_ball_count(observed: &ObservedBalls) -> Result<(), MethodRefusal> {
     let balls: BTreeSet<usize> = observed.centres.iter().map(|centre| centre.ball_index).collect();
     MethodRefusal::require(
@@ -116,6 +119,7 @@ fn check_ball_count(observed: &ObservedBalls) -> Result<(), MethodRefusal> {
     )
 }
 
+/// Weight of each point, from a change in the table frame (mm) to residuals of unit variance, by `sources`.
 fn point_whitening_matrices(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<Matrix3<f64>> {
     let weight = |(whitening, table_from_axes): (Matrix3<f64>, &Matrix3<f64>)| {
         whitening * table_from_axes.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))

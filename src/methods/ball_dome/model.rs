@@ -64,7 +64,8 @@ impl DomeModel<'_> {
     }
 
     /// Largest and mean deviation of each variant, then the fitted styluses, then the mean deviations of the groups,
-    /// variant by variant, mm.
+    /// variant by variant, mm: after the `change` of the observations. The deviation vectors change to first order;
+    /// their lengths are exact.
     pub fn result_values(&self, change: &[f64]) -> Vec<f64> {
         let changes = self.deviation_and_stylus_changes_of_variants(change);
         let norms = |(variant, (moved, _)): (&DomeVariant, &(Vec<Vector3<f64>>, Vector3<f64>))| {

@@ -51,7 +51,9 @@ pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Ident
 /// Groups of measurements: those of each ball in the order of the artefact, and those at each indexation in
 /// the order of the run, without references.
 pub struct MeasurementGroups {
+    /// Number of groups of balls at the start of `point_indices`; a group of a ball without measurement is empty.
     ball_group_count: usize,
+    /// Indices of the points of each group: the groups of the balls, then those of the indexations.
     pub point_indices: Vec<Vec<usize>>,
 }
 
@@ -70,7 +72,7 @@ impl MeasurementGroups {
     }
 }
 
-/// Mean deviation of each ball and of each indexation.
+/// Mean deviation of each ball and of each indexation, over their numbers from 1; empty groups are omitted.
 fn group_mean_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64]) -> Vec<OutputCurve> {
     let kinds =
         [("ball", 0..groups.ball_group_count), ("indexation", groups.ball_group_count..groups.point_indices.len())];
@@ -93,7 +95,7 @@ fn group_mean_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: 
     (0..model.variants.len()).flat_map(both).map(curve).collect()
 }
 
-/// Deviations of all measurements, as a histogram.
+/// Lengths of the deviations of all measurements, as a histogram.
 pub fn deviation_histogram(variant: &DomeVariant) -> EstimatedFunction {
     let norms = variant.certified_to_measured_fit.deviations.iter().map(|deviation| deviation.norm());
     let symbol = format!("{}_deviation", variant.kind.name);
@@ -103,7 +105,8 @@ pub fn deviation_histogram(variant: &DomeVariant) -> EstimatedFunction {
     }
 }
 
-/// Deviations in the artefact frame, as arrows: one figure for each variant in `shown`, in their order.
+/// Deviations in the artefact frame, as arrows in µm at the certified positions: one figure for each variant in
+/// `shown`, in their order.
 pub fn deviation_arrows(
     setup: &MeasurementSetup<'_>,
     observed: &ObservedBalls,

@@ -27,8 +27,8 @@ pub enum StylusSource {
     OneBall,
     /// Fitted to the readings of all balls.
     AllBalls,
-    /// Fitted together with the machine errors. The fitted stylus contains the offset of the spindle, of which the value
-    /// in the prior is subtracted.
+    /// Fitted together with the machine errors. The fitted stylus contains the offset of the spindle; its value in
+    /// the prior is subtracted.
     FittedWithMachineErrors,
 }
 
@@ -70,7 +70,7 @@ pub struct StylusEstimate {
     pub vector_mm: Vector3<f64>,
     /// Gain of the stylus. `None`: the stylus is as stated.
     pub gain: Option<StylusGain>,
-    /// Change of the stylus by each error of the prior (S4).
+    /// Change of the stylus by each error of the prior (S4); empty for the other variants.
     pub stylus_derivatives_by_prior_errors: Vec<Vector3<f64>>,
 }
 

@@ -9,7 +9,7 @@ use super::variant::{DomeVariant, StylusEstimate, StylusSource, VARIANT_KINDS, V
 use crate::identification::KnownErrors;
 use machine::kinematics::ErrorTerm;
 
-/// Derivative of each point by the errors of the prior, with the stated stylus.
+/// Derivative of each point by the errors of the prior, at their values and with the stated stylus: points × errors.
 pub fn point_derivatives_by_prior_errors(
     points: &MeasuredPoints,
     known: Option<&KnownErrors<'_>>,
@@ -19,7 +19,8 @@ pub fn point_derivatives_by_prior_errors(
     points.point_derivatives_by_errors(errors, points.stated_stylus, &parameters)
 }
 
-/// All variants that the readings and the prior determine, and one text for each that they do not determine.
+/// All variants that the readings and the prior determine, and one text for each that they do not determine. Without
+/// a prior, S1 to S4 are omitted without a text.
 pub fn compute_variants(
     points: &MeasuredPoints,
     known: Option<&KnownErrors<'_>>,

@@ -24,11 +24,12 @@ pub struct BallReadings<'a> {
     /// Index of the ball.
     pub ball_index: usize,
     pub steps: Vec<&'a Step>,
+    /// Fewer than `steps` if some are missing; references that are repeated after a stop are not contained.
     pub readings: Vec<&'a Reading>,
 }
 
 impl FoundBalls {
-    /// Positions from measurements; incomplete ones are ignored.
+    /// Positions from search and slow measurements; references, rest checks and incomplete measurements are ignored.
     pub fn from_measurements<'t, 'r: 't>(
         setup: &MeasurementSetup<'_>,
         all: impl IntoIterator<Item = &'t BallReadings<'r>>,
@@ -89,7 +90,7 @@ impl FoundBalls {
 }
 
 impl BallReadings<'_> {
-    /// The ball fitted with the nominal machine. `None`: touches are missing.
+    /// The ball fitted with the nominal machine. `None`: touches are missing; error: the touches do not fit a ball.
     pub fn fit_ball(&self, setup: &MeasurementSetup<'_>) -> Option<Result<MeasuredBall, BallCheckError>> {
         let touches: Vec<Position> = self.readings.iter().map(|r| r.position.clone()).collect();
         let complete = self.steps.len() == touches.len();
@@ -98,7 +99,8 @@ impl BallReadings<'_> {
     }
 }
 
-/// Groups the plan's steps and their newest readings by measurement, in the order of the steps.
+/// Groups the plan's steps and their newest readings by measurement, in the order of the steps. Readings of
+/// references repeated after a stop are left out.
 pub fn group_readings_by_measurement<'a>(
     setup: &MeasurementSetup<'a>,
     readings: &'a [Reading],

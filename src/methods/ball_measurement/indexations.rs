@@ -13,7 +13,7 @@ use machine::kinematics::KinematicChain;
 use machine::record::machine::{Machine, StatedAxis};
 use machine::{Axis, Position};
 
-/// Minimum cosine for an axis to count as parallel to the spindle.
+/// Minimum |cosine| of the angle to Z for an axis to count as parallel to the spindle.
 const MIN_PARALLEL_COSINE: f64 = 0.9;
 /// Angle below which two positions of one axis are the same, apart from whole turns, rad.
 const SAME_ANGLE_TOLERANCE_RAD: f64 = 1e-6;
@@ -56,8 +56,8 @@ pub struct RotaryPositions<'a> {
     pub spindle: Option<ConfiguredPositions<'a>>,
 }
 
-/// All combinations of the named positions that are within the limits, as commanded positions. An axis that
-/// tilts the spindle stays at 0.
+/// All combinations of the named positions that are within the limits, as commanded positions: S changes fastest,
+/// then the axis parallel to the spindle. An axis that tilts the spindle stays at 0.
 ///
 /// # Errors
 /// The machine has no rotary axis; the settings name a position outside the limits of an axis (defaults are
@@ -101,6 +101,7 @@ pub fn tilts_table(chain: &KinematicChain, axis: Axis) -> bool {
     is_tilted_by(axis, |position| chain.machine_from_table(position, &[]))
 }
 
+/// Whether one radian of the axis lowers the Z component of the Z direction of `pose`, all other axes at zero.
 fn is_tilted_by(axis: Axis, pose: impl Fn(&Position) -> Pose) -> bool {
     let z_component = |position: &Position| pose(position).rotation[(2, 2)];
     let turned = Position::new().with(axis, 1.0);
@@ -112,18 +113,20 @@ pub fn is_rotary_except_spindle(axis: Axis) -> bool {
     !axis.is_linear() && axis != Axis::S
 }
 
-/// Whether the rotary axis turns about the direction of the spindle, with all axes at zero.
+/// Whether the rotary axis turns about the direction of the spindle (Z), with all axes at zero.
 pub fn is_parallel_to_spindle(axis: Axis, machine: &Machine) -> bool {
     let stated = machine.axes.get(&axis).map(|spec| Vector3::from(spec.direction));
     let unit = stated.and_then(unit_vector);
     unit.unwrap_or(axis.nominal_direction()).z.abs() > MIN_PARALLEL_COSINE
 }
 
+/// All combinations of `places` with the positions of `grid`; the axis of `grid` changes fastest.
 fn combine_positions(places: &[Position], grid: &AxisGrid) -> Vec<Position> {
     let with = |place| grid.positions_rad.iter().map(move |at| Position::clone(place).with(grid.axis, *at));
     places.iter().flat_map(with).collect()
 }
 
+/// Positions of one axis: equal angles once, default positions outside the limits omitted.
 fn axis_grid(axis: Axis, spec: &StatedAxis, named: &ConfiguredPositions<'_>) -> Result<AxisGrid, MethodRefusal> {
     let ConfiguredPositions { key, angles_deg: degrees, is_default } = *named;
     let mut at: Vec<f64> = Vec::new();
@@ -166,7 +169,8 @@ fn outside_limits_refusal(axis: Axis, spec: &StatedAxis, degree: f64, key: &str)
     }
 }
 
-/// The command for an angle within the limits: the angle itself, or one whole turn less or more.
+/// The command for an angle within the limits: the angle itself, or one whole turn less or more. `None`: all three
+/// are outside.
 fn command_rad_within_limits(axis: Axis, spec: &StatedAxis, degree: f64) -> Option<f64> {
     let (min, max) = (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max));
     let commanded_rad = axis.to_mm_or_rad(degree);

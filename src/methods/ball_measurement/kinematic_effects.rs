@@ -33,7 +33,8 @@ pub fn angular_and_rotary_motion_sources(
     ]
 }
 
-/// Effect of error motions with their size at each measurement.
+/// Effect of error motions. `motions`: for each draw of unit variance, the error and its size at each measurement, mm
+/// or rad.
 fn error_motion_effect(
     plan: &Plan,
     chain: &KinematicChain,

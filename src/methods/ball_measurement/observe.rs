@@ -15,9 +15,9 @@ use machine::record::plan::{FIRST_REPEAT_NUMBER_AFTER_STOP, Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 
-/// Maximum spread of the readings of an axis at rest, rad (0.005°): encoder readings flicker, and a control
-/// leaves a small position error.
-const MAX_ROTARY_SPREAD_RAD: f64 = 8.7e-5;
+/// Maximum difference between the readings of an axis at rest and that of the first touch, rad (0.005°): encoder
+/// readings flicker, and a control leaves a small position error.
+const MAX_DIFFERENCE_FROM_FIRST_TOUCH_RAD: f64 = 8.7e-5;
 /// Minimum number of touches for a centre and a radius.
 const MIN_TOUCH_COUNT: usize = 4;
 
@@ -38,6 +38,7 @@ pub struct BallCentre {
     pub contact_radius_mm: f64,
     /// Form: largest minus smallest deviation of the touches from the fitted sphere, mm.
     pub form_mm: f64,
+    /// The touches that were fitted; flagged ones are not contained.
     pub touches: Vec<FittedTouch>,
     /// Mean time of the touches, s.
     pub mean_time_s: f64,
@@ -61,12 +62,13 @@ pub struct ObservedBalls {
     /// Commanded positions of rotary axes and spindle. Several `measured_rotary_positions` belong to one commanded
     /// position if the readings flicker.
     pub commanded_rotary_positions: Vec<Position>,
+    /// Measurements that were fitted, in the order of their mean times.
     pub centres: Vec<BallCentre>,
     /// Measurements that were not used, each as a text with the reason.
     pub skipped_measurements: Vec<String>,
 }
 
-/// Key of the touches that form one measurement; the order is that of the visits.
+/// Key of the touches that form one measurement; ordered by repeat, then indexation, purpose and ball.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct MeasurementKey {
     repeat: u32,
@@ -123,8 +125,8 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
     Ok(observed)
 }
 
-/// Removes measurements that were repeated because of dirt or a loose ball: only the newest is used. A measurement
-/// repeated after a stop is a reference check and replaces no other measurement.
+/// Removes measurements that were repeated because of dirt or a loose ball: only the newest is used. Returns a text
+/// for each removed one. A measurement repeated after a stop is a reference check and replaces no other measurement.
 fn remove_superseded_measurements<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String> {
     let ordinary = |visit: &&MeasurementKey| visit.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP;
     let key = |visit: &MeasurementKey| (visit.purpose, visit.indexation_index, visit.ball.clone());
@@ -158,6 +160,7 @@ fn wrong_plan_refusal(reason: String) -> IdentifyError {
     MethodRefusal::new(reason, "give the plan of the run of these readings").into()
 }
 
+/// Fits one measurement, and adds its rotary positions to `observed`. The error is the reason why it cannot be used.
 fn fit_ball_centre(
     touches: &[(&Step, &Reading, TouchLabel)],
     ball: usize,
@@ -208,7 +211,7 @@ fn mean_rotary_position(touches: &[(&Step, &Reading, TouchLabel)]) -> Option<Pos
         for position in &all {
             let here = position.get(axis)? - value;
             apart += here;
-            if here.is_nan() || here.abs() > MAX_ROTARY_SPREAD_RAD {
+            if here.is_nan() || here.abs() > MAX_DIFFERENCE_FROM_FIRST_TOUCH_RAD {
                 return None;
             }
         }

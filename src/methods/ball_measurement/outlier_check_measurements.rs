@@ -6,8 +6,9 @@ use super::observe::ObservedBalls;
 use super::setup::describe_rotary_axes_in_degrees;
 use crate::identification::MeasurementToCheck;
 
-/// `of_centre`: the residual of a measured centre, mm, the index of the first of its three residual rows, and the
-/// standard uncertainty of a coordinate, mm.
+/// One [`MeasurementToCheck`] per measured ball centre, in the order of `observed.centres`. `of_centre`: from the
+/// index of a centre its residual, mm, the index of the first of its three residual rows, and the standard
+/// uncertainty of a coordinate, mm.
 pub fn measurements_for_outlier_check(
     observed: &ObservedBalls,
     of_centre: impl Fn(usize) -> (Vector3<f64>, usize, f64),

@@ -11,9 +11,11 @@ use planning::{BlockStart, SafeHeights, TouchAccess, TouchedDirections, TravelTi
 use planning::{machine_time_s, position_after_motions, step_blocks};
 use rayon::prelude::*;
 
-/// Number of nearest neighbours of a ball for which paths are planned.
+/// Number of balls nearest in XY travel time to which a path is planned; the times to farther balls are estimated
+/// from XY.
 const MAX_PLANNED_NEIGHBOURS: usize = 16;
-/// Number of balls that are tried as the first of a visit.
+/// Number of balls nearest to the machine position that are tried as the first of a visit; without a known position
+/// (first visit) all balls are tried.
 const TRIED_START_BALL_COUNT: usize = 4;
 /// Number of touches of a measurement without a form check.
 const TOUCH_COUNT_WITHOUT_FORM_CHECK: usize = 5;
@@ -34,7 +36,7 @@ pub fn order_balls_by_path(
     let planner = PathPlanner { plan: setup.plan, safe_heights: &clearance };
     let mut machine_position: Option<Position> = None;
     for visit in &mut visits {
-        let balls = slow_steps_of_balls(setup, &access, visit)?;
+        let balls = steps_of_slow_measurements(setup, &access, visit)?;
         let order = planner.fast_ball_order(&balls, machine_position.as_ref())?;
         visit.ball_indices = order.iter().filter_map(|place| visit.ball_indices.get(*place).copied()).collect();
         let balls: Vec<&Vec<Step>> = order.iter().filter_map(|place| balls.get(*place)).collect();
@@ -53,8 +55,9 @@ pub fn order_balls_by_path(
     Ok(visits)
 }
 
-/// Steps of a slow measurement of each ball of the visit.
-fn slow_steps_of_balls(
+/// Steps of a slow measurement of each ball of the visit, in the order of `visit.ball_indices`, with the touches in
+/// the default order.
+fn steps_of_slow_measurements(
     setup: &MeasurementSetup<'_>,
     access: &TouchAccess,
     visit: &BallVisit,
@@ -71,12 +74,14 @@ fn slow_steps_of_balls(
     visit.ball_indices.iter().filter_map(steps).collect()
 }
 
+/// Plans the paths to touches to compute their times and end positions.
 struct PathPlanner<'a> {
     plan: &'a Plan,
     safe_heights: &'a SafeHeights,
 }
 
 impl PathPlanner<'_> {
+    /// Motion blocks of the step, with the machine at `from` and its position verified in all directions.
     fn plan_step_blocks(&self, from: &Position, step: &Step) -> Result<Vec<MotionBlock>, MethodRefusal> {
         let start = BlockStart { position: Some(from), touched_directions: TouchedDirections::all() };
         Ok(step_blocks(self.plan, step, 0, start, self.safe_heights)?)
@@ -88,7 +93,8 @@ impl PathPlanner<'_> {
         Ok(position_after_motions(blocks.iter().flat_map(|block| &block.motions), &step.from))
     }
 
-    /// Indices of the balls in an order of short duration, each with its touches in the default order.
+    /// Order of short duration, as indices into `balls` (not of the artefact), each ball with its touches in the
+    /// default order.
     fn fast_ball_order(
         &self,
         balls: &[Vec<Step>],
@@ -102,7 +108,7 @@ impl PathPlanner<'_> {
         Ok(TravelTimes { pairwise_s: between, from_start_s }.visiting_order(TRIED_START_BALL_COUNT))
     }
 
-    /// Path times of the balls in their order, from the current position of the machine.
+    /// Path times for each of `balls` in the given order; those of the first ball start at `machine_position`.
     fn ball_path_times(
         &self,
         balls: &[&Vec<Step>],
@@ -124,8 +130,9 @@ impl PathPlanner<'_> {
         (0..balls.len()).into_par_iter().map(of_ball).collect()
     }
 
-    /// Path times to the first contact of each ball, s. Paths are planned only to the nearest balls in XY, because a
-    /// short tour rarely goes to farther ones.
+    /// Path times to the first contact of each ball, s. Only the paths to the nearest balls in XY are planned,
+    /// because a short tour rarely goes to farther ones; for a farther ball: XY travel time plus the longest planned
+    /// time.
     fn path_times_to_balls_s(&self, from: &Position, balls: &[Vec<Step>]) -> Result<Vec<f64>, MethodRefusal> {
         let places: Vec<Position> =
             balls.iter().filter_map(|steps| steps.first()).map(|step| step.from.clone()).collect();

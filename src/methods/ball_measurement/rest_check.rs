@@ -13,10 +13,11 @@ use machine::record::reading::Reading;
 
 /// Minimum number of rounds for the creep rate and its scatter.
 const MIN_REST_CHECK_ROUNDS: usize = 5;
-/// Maximum duration of the rest check, as a multiple of the requested duration.
+/// Maximum duration of the rest check, as a multiple of `min_rest_check_s`; if the machine is still not confirmed at
+/// rest then, the run is held.
 const MAX_REST_CHECK_DURATION_RATIO: f64 = 6.0;
 
-/// Creep rate of the ball along one axis.
+/// Creep rate of the ball along one axis of the table frame.
 #[derive(Debug, Clone, Copy)]
 struct Creep {
     axis: char,
@@ -25,8 +26,9 @@ struct Creep {
     rate_expanded_uncertainty_mm_per_s: f64,
 }
 
-/// Whether another round is needed: neither the rounds of the last `min_rest_check_s` nor all rounds show that the
-/// machine creeps no faster than declared.
+/// Whether another round is needed: the requested duration or [`MIN_REST_CHECK_ROUNDS`] is not reached, or neither
+/// the rounds of the last `min_rest_check_s` nor all rounds show rates and their U of at most twice the declared
+/// drift rate. `false` without a rest check and after the first slow touches are planned.
 ///
 /// # Errors
 /// The machine still creeps after [`MAX_REST_CHECK_DURATION_RATIO`] times the requested duration. In a resumed run
@@ -77,11 +79,13 @@ pub fn needs_rest_check_round(setup: &MeasurementSetup<'_>, readings: &[Reading]
     Ok(true)
 }
 
+/// Whether the plan already has slow touches of the measurement (not of references or the rest check).
 fn has_measurement_begun(setup: &MeasurementSetup<'_>) -> bool {
     touch_steps_with_labels(setup.plan).any(|(_, label)| label.purpose == MeasurementPurpose::Slow)
 }
 
-/// Time, s, and centre, mm, of each round since the run was resumed.
+/// Mean time of the touches, s, and centre, table frame, mm, of each round since the run was resumed; rounds without
+/// a fitted sphere are left out.
 fn rest_check_round_times_and_centres(
     setup: &MeasurementSetup<'_>,
     readings: &[Reading],

@@ -15,7 +15,7 @@ use planning::{BallAccessError, BallMeasurementRequest, BallTouchMode, TouchAcce
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SearchMode {
-    /// Once; afterwards the expected position follows from the nominal machine.
+    /// Once for each ball; afterwards the expected position follows from the nominal machine.
     Once,
     /// At every indexation, as in paper 4, section 3.
     #[default]
@@ -25,7 +25,9 @@ pub enum SearchMode {
 /// One rotary position and the balls measured there, as indices of the artefact's balls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BallVisit {
+    /// Positions of all rotary axes, and of S if the spindle is oriented, rad.
     pub rotary_position: Position,
+    /// In the order of the path. A slow measurement that directly follows a search at the visit goes backwards.
     pub ball_indices: Vec<usize>,
     /// Order of the touches in a slow measurement, by index of the ball; the default order if absent.
     pub slow_touch_orders_by_ball_index: BTreeMap<usize, TouchOrder>,
@@ -41,23 +43,28 @@ impl BallVisit {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchSettings {
     pub search_mode: SearchMode,
-    /// Number of touches of one measurement: 5, or more for a form check.
+    /// Number of touches of one measurement: 5, or more for a form check; fewer are planned where touches are not
+    /// free.
     pub touch_count: usize,
     /// Whether one ball is measured again at the start, the middle and the end.
     pub has_references: bool,
     /// Minimum duration of the rest check before the run, in which one ball is measured repeatedly, s; 0: no check.
     pub min_rest_check_s: f64,
-    /// Clearance before the expected contact of a slow touch, mm.
+    /// Clearance before the expected contact of a slow touch, mm. A search touch adds the position uncertainty of the
+    /// ball.
     pub standoff_mm: f64,
-    /// Maximum travel of a slow touch beyond the expected contact, mm.
+    /// Maximum travel of a slow touch beyond the expected contact, mm; the travel of a search touch follows from the
+    /// position uncertainty of the ball.
     pub search_mm: f64,
-    /// Maximum form of one measurement (largest minus smallest residual of its sphere), mm; beyond it the run
-    /// is held.
+    /// Maximum form of one measurement with slow touches (largest minus smallest residual of its sphere), mm; beyond
+    /// it the ball is measured again, and the run is held if the repeat exceeds the limit too.
     pub form_hold_limit_mm: f64,
-    /// Maximum difference between measured and stated diameter, pre-travel included, mm; beyond it the run is held.
+    /// Maximum difference between measured and stated diameter with slow touches, pre-travel included, mm; beyond it
+    /// the ball is measured again, and the run is held if the repeat exceeds the limit too.
     pub diameter_deviation_hold_limit_mm: f64,
 }
 
+/// Largest accepted value of `min_rest_check_s`.
 const MAX_MIN_REST_CHECK_S: f64 = 7200.0;
 pub const UNREACHABLE_BALL_REMEDY: &str = "remove the position from tilt_deg and turn_deg, or place the ball elsewhere";
 
@@ -94,11 +101,14 @@ impl TouchSettings {
     }
 }
 
+/// Inputs for planning and evaluating the ball measurements of a run.
 #[derive(Debug, Clone, Copy)]
 pub struct MeasurementSetup<'a> {
     /// Name of the method, for the table `[method.NAME]` in messages.
     pub method: &'static str,
+    /// The plan with the steps of all stages planned so far.
     pub plan: &'a Plan,
+    /// The balls of the artefact at their stated positions.
     pub balls: &'a Balls,
     pub touch_settings: TouchSettings,
 }
@@ -122,7 +132,8 @@ impl MeasurementSetup<'_> {
         BallMeasurementRequest { ball, rotary, touch_mode: mode, touch_count: self.touch_settings.touch_count }
     }
 
-    /// Steps of one measurement of a ball.
+    /// Steps of one measurement of a ball: the touches in their order around the ball, the pole last. `label`: step
+    /// label from the name of a touch.
     ///
     /// # Errors
     /// The ball cannot be touched.

@@ -19,12 +19,12 @@ use machine::Axis;
 use machine::record::plan::Plan;
 
 /// Standard uncertainty added in quadrature to that of each coordinate in the weights, mm.
-const COORDINATE_STD_U_FLOOR_MM: f64 = 1e-6;
+const ADDED_COORDINATE_STD_U_MM: f64 = 1e-6;
 
 /// Whitening matrix of each measured centre, from the sources that enter the weights. The correlation between
 /// measurements that a source changes together is ignored.
 pub fn whitening_matrices(sources: &[UncertaintySource], centre_count: usize) -> impl Iterator<Item = Matrix3<f64>> {
-    let min = Matrix3::from_diagonal_element(COORDINATE_STD_U_FLOOR_MM.powi(2));
+    let min = Matrix3::from_diagonal_element(ADDED_COORDINATE_STD_U_MM.powi(2));
     block_covariances::<3>(sources, centre_count).into_iter().map(move |covariance| whitening_matrix(min + covariance))
 }
 
@@ -75,7 +75,8 @@ fn per_touch_effect(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> 
     effect_of_nonzero_spans(centres.iter().enumerate().flat_map(of_centre))
 }
 
-/// Azimuths are computed in the spindle frame, because the probe turns with the spindle.
+/// Effect of the lobing patterns of the probe. Azimuths are computed in the spindle frame, because the probe turns
+/// with the spindle.
 fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> ObservationEffect {
     let sense = plan.machine.axes.get(&Axis::S).map_or(1.0, |spec| spec.positive.direction_sign());
     let normals = observed.centres.iter().flat_map(|centre| {
@@ -91,7 +92,8 @@ fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> ObservationEffect {
     )
 }
 
-/// Each axis lags behind the direction of the touch.
+/// One column per linear axis, with one draw for all measurements: half its backlash times the magnitude of the
+/// component of the normal, because each axis lags behind the direction of the touch.
 fn backlash_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let half = half_backlash_mm(plan);
     let column = |k: usize| {
@@ -114,8 +116,8 @@ fn linear_error_motion_effect(plan: &Plan, centres: &[BallCentre]) -> Observatio
     effect_of_nonzero_columns(patterns.iter().flat_map(|pattern| Axis::LINEAR.map(|a| column(pattern, a))))
 }
 
-/// Drift of the table relative to the spindle at the declared rate, zero at the mean time of the
-/// measurements: the estimate describes the machine at that time.
+/// One column per linear axis: drift of the table relative to the spindle at the declared rate, zero at the mean time
+/// of the measurements, because the estimate describes the machine at that time.
 fn drift_effect(plan: &Plan, centres: &[BallCentre]) -> ObservationEffect {
     let mean_s = centres.iter().map(|centre| centre.mean_time_s).sum::<f64>() / centres.len().max(1) as f64;
     let rate = drift_rate_sd_mm_per_s(plan);

@@ -11,10 +11,11 @@ use machine::record::plan::{Stage, StepKind};
 use machine::record::reading::Reading;
 use planning::{BallCheckError, BallLimits};
 
-/// Checks the measurements of the `last` stage. Returns the steps of those that must be measured again, and
-/// the number of their repeat.
+/// Checks the measurements of the `last` stage. Returns the steps of those that must be measured again, and the
+/// number of that repeat (from 1); `None`: no repeat.
 ///
-/// A measurement was outside the limits for the second time; a ball is outside its possible range. If the run was
+/// # Errors
+/// A measurement has a fault in its repeat, or a found ball is too far from its expected position. If the run was
 /// stopped and resumed since the measurement, it is measured again instead.
 pub fn review_stage(
     setup: &MeasurementSetup<'_>,
@@ -44,8 +45,8 @@ pub fn review_stage(
     Ok((!again.is_empty()).then_some((again, last.repeat + 1)))
 }
 
-/// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals: fast
-/// touches need only lie on a sphere.
+/// Fault of the sphere fit, or, for slow touches only, of form or diameter. Fast touches trigger late, and the first
+/// ones are not along the normals: they need only lie on a sphere. `None` also if touches are missing.
 fn find_measurement_fault(setup: &MeasurementSetup<'_>, measurement: &BallReadings<'_>) -> Option<BallCheckError> {
     let measured = match measurement.fit_ball(setup)? {
         Ok(measured) => measured,
@@ -86,7 +87,8 @@ fn describe_measurement(setup: &MeasurementSetup<'_>, measurement: &BallReadings
     format!("ball {ball} at {}", describe_rotary_axes_in_degrees(&at.unwrap_or_default()))
 }
 
-/// Checks that a ball is within the position uncertainty of its expected position.
+/// For a search (`Find`) only: checks that the ball is within the position uncertainty of its expected position.
+/// Other measurements pass.
 fn check_ball_position(
     setup: &MeasurementSetup<'_>,
     all: &[BallReadings<'_>],

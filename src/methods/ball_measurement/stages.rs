@@ -1,5 +1,5 @@
-//! Choice of the next stage. The visits are divided into requests (find, reference, rest check, slow); each request is one
-//! stage.
+//! Choice of the next stage. The visits are divided into requests (find, reference, rest check, slow); each request is
+//! one stage.
 
 use super::found_balls::{FoundBalls, group_readings_by_measurement};
 use super::rest_check::needs_rest_check_round;
@@ -20,14 +20,16 @@ struct StageRequest {
     label_index: usize,
     /// Index of the visit that gives the indexation.
     visit_index: usize,
+    /// In measuring order.
     ball_indices: Vec<usize>,
 }
 
-/// The next stage of a run that measures the `visits`: a repeat of measurements that were outside the limits,
-/// or the next request.
+/// The next stage of a run that measures the `visits`: a repeat of measurements that were outside the limits, or the
+/// next request.
 ///
 /// # Errors
-/// A ball cannot be touched, or was outside the limits twice.
+/// A ball cannot be touched, was outside the limits twice, or is too far from its expected position; or the rest
+/// check does not confirm rest.
 pub fn next_stage(
     setup: &MeasurementSetup<'_>,
     visits: &[BallVisit],
@@ -72,8 +74,10 @@ fn planned_rest_check_round_count(setup: &MeasurementSetup<'_>) -> usize {
     rest_check_steps.map(|(_, label)| label.indexation_number()).max().unwrap_or(0) as usize
 }
 
-/// Requests for all stages in measuring order. First every ball is searched for: at the indexation where most balls are
-/// accessible, then at others for the remaining balls. The rest check with one ball and the visits follow.
+/// Requests for all stages in measuring order: searches at the visits of [`choose_search_visits`], the first
+/// reference, the rest check, the slow visits (with [`SearchMode::Every`] each with its search before it), the second
+/// reference in the middle of the visits and the third after them. Reference and rest check use one ball at the first
+/// search visit.
 fn list_stage_requests(
     setup: &MeasurementSetup<'_>,
     visits: &[BallVisit],
@@ -116,7 +120,8 @@ fn list_stage_requests(
     requests
 }
 
-/// Visits that together give access to every ball; for each, the balls not accessible at an earlier one of them.
+/// Indices of visits that together give access to every ball, with the balls not accessible at a visit chosen
+/// earlier. Greedy: the visit with most new balls comes first.
 fn choose_search_visits(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
     let mut found: Vec<usize> = Vec::new();
     let mut searches = Vec::new();
@@ -136,7 +141,8 @@ fn choose_search_visits(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
     searches
 }
 
-/// Machine time of the visits if every ball is found at its stated position, s.
+/// Machine time of the visits with their searches and references, without a rest check, if every ball is found at its
+/// stated position, s.
 ///
 /// # Errors
 /// A visit cannot be planned.
@@ -198,6 +204,8 @@ fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], request: &Stag
     }
 }
 
+/// Steps for the requested balls at their expected positions. The touch orders of the visit apply to slow
+/// measurements only; the others use the default order.
 fn plan_touch_steps(
     setup: &MeasurementSetup<'_>,
     visits: &[BallVisit],

@@ -12,26 +12,29 @@ pub enum MeasurementPurpose {
     Find,
     /// Slow touches along the normals, which are known by then. The identification uses them.
     Slow,
-    /// As `Slow`, before the run, to check whether the machine is at rest. The identification does not use
-    /// them.
+    /// As `Slow`, before the first slow touches, to check whether the machine is at rest. The identification does not
+    /// use them.
     RestCheck,
     /// As `Slow`, to check whether the machine has moved. The identification uses them as well.
     Reference,
 }
 
-/// One touch of one measurement of a ball. All steps that share pass, indexation and ball are one
-/// measurement, with the same position of the rotary axes.
+/// One touch of one measurement of a ball. All steps that share purpose, indexation and ball are one measurement,
+/// with the same position of the rotary axes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TouchLabel {
     pub purpose: MeasurementPurpose,
     /// Index of the visit's indexation, or of the round of a reference or of the rest check, from 0. The text and the
     /// messages for users count from 1.
     pub indexation_index: u32,
+    /// Id of the ball in the artefact.
     pub ball: String,
-    /// Name of the touch, e.g. `+45`, `-135`, `pole`.
+    /// Name of the touch by azimuth in degrees, e.g. `+45`, `-135`, or `pole`; by azimuth and elevation for further
+    /// touches, e.g. `+117^35`.
     pub touch: String,
 }
 
+/// First part of the label text for each purpose.
 const PURPOSE_LABELS: [(MeasurementPurpose, &str); 4] = [
     (MeasurementPurpose::Find, "find"),
     (MeasurementPurpose::Slow, "slow"),

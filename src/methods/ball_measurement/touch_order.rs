@@ -3,8 +3,10 @@
 /// Order of the touches of a ball.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct TouchOrder {
-    /// Index of the first of the touches around the ball.
+    /// Index of the touch that begins the touches around the ball.
     first_touch_index: usize,
+    /// Whether the touches around the ball follow in falling instead of rising index order; the first touch is the
+    /// same.
     is_backward: bool,
     /// Whether the pole is touched before the others; otherwise after them.
     is_pole_first: bool,
@@ -13,10 +15,10 @@ pub struct TouchOrder {
 /// Path times of one ball, s, by indices of touches; the pole is the last.
 #[derive(Debug, Clone)]
 pub struct BallPathTimes {
-    /// Times from each touch of the previous ball to each touch; for the first ball one row, from the current
-    /// position of the machine.
+    /// Times from each touch of the previous ball (row) to each touch (column); for the first ball one row, from the
+    /// current position of the machine.
     pub from_previous_ball_s: Vec<Vec<f64>>,
-    /// Times from each touch to each other.
+    /// Times from each touch (row) to each other touch (column) of the ball.
     pub between_touches_s: Vec<Vec<f64>>,
 }
 
@@ -51,10 +53,12 @@ impl TouchOrder {
     }
 }
 
-/// One of the orders of a ball, and the shortest time to its last touch.
+/// One of the touch orders of a ball, with its fastest predecessor.
 struct OrderCandidate {
     touch_order: TouchOrder,
+    /// The touches in this order.
     touch_indices: Vec<usize>,
+    /// Shortest time from the start of the first ball to the last touch of this ball, s.
     shortest_time_s: f64,
     /// Index of the candidate of the previous ball on the fastest path.
     previous_candidate_index: usize,
@@ -83,6 +87,7 @@ pub fn fastest_touch_orders(balls: &[BallPathTimes]) -> Vec<TouchOrder> {
     chosen
 }
 
+/// All touch orders of a ball, each with the fastest of the candidates `before` of the previous ball.
 fn extend_candidates(path_times: &BallPathTimes, before: &[OrderCandidate]) -> Vec<OrderCandidate> {
     let seconds = |table: &[Vec<f64>], from: usize, to: usize| {
         table.get(from).and_then(|row| row.get(to)).copied().unwrap_or_default()

@@ -8,10 +8,11 @@ use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 use machine::record::plan::Plan;
 
+/// The last designed visits of a method, whose settings are constant.
 #[derive(Default)]
 pub struct VisitCache(Mutex<Option<CachedDesign>>);
 
-/// A design and its inputs, without the settings.
+/// Visits and the inputs from which they were designed; the settings of the method are not compared.
 struct CachedDesign {
     machine: Machine,
     probe: Probe,

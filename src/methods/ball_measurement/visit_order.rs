@@ -45,8 +45,8 @@ pub fn order_visits(machine: &Machine, mut visits: Vec<BallVisit>) -> Vec<BallVi
     visits
 }
 
-/// Sorts by the first of `axes`, and within equal positions by the others, each group in the opposite
-/// direction to the one before.
+/// Sorts by the first of `axes`, and within equal positions by the others, each group in the opposite direction to
+/// the one before. `backward`: whether this group falls; inverted for the next.
 fn sort_alternating(visits: &mut [BallVisit], axes: &[Axis], backward: &mut bool) {
     let Some((first, rest)) = axes.split_first() else { return };
     let at = |visit: &BallVisit| visit.rotary_position.get_or_zero(*first);

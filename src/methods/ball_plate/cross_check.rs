@@ -11,11 +11,12 @@ use super::unknowns_layout::{MOTION_COMPONENTS, UnknownsLayout};
 use crate::identification::{Identification, slope_of_unknown};
 use machine::record::estimate::Unit;
 
-/// The coefficient of an error motion with the largest difference relative to its expanded uncertainty.
+/// The coefficient of an error motion for which least squares and four-step evaluation differ most, relative to its
+/// expanded uncertainty.
 pub struct LargestCoefficientDifference {
     pub symbol: String,
     pub unit: Unit,
-    /// Difference of the coefficient, in its internal unit.
+    /// Absolute difference of the coefficient between both evaluations, in its internal unit.
     pub difference: f64,
     /// Expanded uncertainty U of the coefficient (not of the difference), in its internal unit.
     pub coefficient_expanded_uncertainty: f64,
@@ -52,7 +53,7 @@ impl LargestCoefficientDifference {
     }
 }
 
-/// Sentence about the comparison for the gauge of the estimate.
+/// Sentence about the comparison, for the lines `gauge` of the estimate.
 pub fn describe_cross_check(result: &Result<LargestCoefficientDifference, &'static str>) -> String {
     let reference = "least squares over all visits";
     match result {

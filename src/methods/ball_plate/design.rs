@@ -14,10 +14,13 @@ use crate::ball_measurement::BallVisit;
 use crate::revolution_grid::RevolutionGrid;
 use machine::record::plan::Plan;
 
+/// Stops, visits and unknowns of a run.
 pub struct PlateDesign {
+    /// In measuring order: rising, then, with both directions, falling.
     pub stops: Vec<TableStop>,
     /// Position of each stop, in steps of 360°/M from zero.
     pub stop_angle_steps: Vec<i64>,
+    /// One visit per stop, each with all balls.
     pub visits: Vec<BallVisit>,
     pub layout: UnknownsLayout,
 }
@@ -35,7 +38,7 @@ impl PlateDesign {
         };
         let stops: Vec<TableStop> = numbers.iter().enumerate().map(stop).collect();
         let visit = |stop: &TableStop| {
-            let at = plate.other_rotary_positions.clone().with(plate.rotary_axis, stop.angle);
+            let at = plate.rotary_positions_at_zero.clone().with(plate.rotary_axis, stop.angle);
             BallVisit::new(at, (0..plate.balls.balls.len()).collect())
         };
         let layout = UnknownsLayout {

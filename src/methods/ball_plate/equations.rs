@@ -24,7 +24,8 @@ pub struct BallObservation {
     /// Axis positions X, Y, Z at which the stylus ball coincides with the ball, minus those of the nominal
     /// machine for the expected position of the ball, mm.
     pub axis_position_deviation_mm: Vector3<f64>,
-    /// Derivative of `axis_position_deviation_mm` by each error motion of the rotary axis, mm per mm or rad.
+    /// Derivative of `axis_position_deviation_mm` by each error motion of the rotary axis, in the order of
+    /// `MOTION_COMPONENTS`, mm per mm or rad.
     pub derivatives_by_error_motion: [Vector3<f64>; MOTION_COMPONENTS.len()],
     /// Derivative of `axis_position_deviation_mm` by the position of the ball in the table frame.
     pub derivative_by_ball_position: Matrix3<f64>,
@@ -67,6 +68,9 @@ pub fn design_matrix(layout: &UnknownsLayout, stops: &[TableStop], observations:
     a
 }
 
+/// Design matrix and least-squares solution under the gauge. `sigma`: standard uncertainty of each coordinate of each
+/// observation, mm.
+///
 /// # Errors
 /// The visits do not separate the unknowns.
 pub fn solve_equations(

@@ -13,8 +13,9 @@ use crate::identification::{
 };
 use machine::record::plan::Plan;
 
-/// Lines for the user: expected U of the error motions, then one line for each unknown that is not identifiable.
-/// `plan`: all stages, planned from nominal positions. `machine_time_s`: machine time of the plan, s.
+/// Lines for the user: largest expected U of each error motion over its curve, an assumed repeatability if none is
+/// declared, then one line for each limit of what is identifiable. `plan`: all stages, planned from nominal
+/// positions. `machine_time_s`: machine time of the plan, s.
 ///
 /// # Errors
 /// The visits of the plan do not separate the unknowns.

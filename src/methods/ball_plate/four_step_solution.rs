@@ -55,8 +55,8 @@ fn group_means<K: Ord>(
     groups.into_iter().map(|(key, values)| (key, mean(values))).collect()
 }
 
-/// The six error motions at each stop from the `values` of the observations, mm and rad. Stops whose balls do
-/// not determine them are left out.
+/// The six error motions at each stop (key: stop index), fitted without weights to the `values` of the observations;
+/// mm and rad. Stops whose balls do not determine them are left out.
 pub fn fit_rigid_bodies(
     observations: &[BallObservation],
     values: &[Vector3<f64>],
@@ -75,6 +75,8 @@ pub fn fit_rigid_bodies(
     of_stop.into_iter().filter_map(|(stop, visits)| Some((stop, body(visits)?))).collect()
 }
 
+/// Unweighted fit of the basis functions, and of the reversal, to each error motion; in the order of the layout.
+/// `None`: the stops do not determine the coefficients.
 fn fit_trigonometric_polynomials(
     layout: &UnknownsLayout,
     stops: &[TableStop],

@@ -18,7 +18,8 @@ use machine::record::reading::Reading;
 const MONTE_CARLO_SEED: u64 = 0x6261_6c6c;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
-/// Maximum number of products in the Monte Carlo propagation, so that it takes seconds.
+/// Maximum number of multiplications in the Monte Carlo propagation, so that it takes seconds. It limits the number
+/// of trials to between 2000 and 200 000.
 const MAX_MONTE_CARLO_MULTIPLICATIONS: usize = 8_000_000_000;
 
 /// # Errors
@@ -33,6 +34,8 @@ pub fn identify(plan: &Plan, settings: &BallPlateSettings, readings: &[Reading])
     Ok(build_estimate(&solved, &identified))
 }
 
+/// Uncertainties, outputs and checks of the solved run. `trials`: `None` for no Monte Carlo propagation.
+///
 /// # Errors
 /// Fewer than two trials.
 pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialSettings>) -> Result<Identification, IdentifyError> {

@@ -35,9 +35,10 @@ use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
 pub const METHOD_NAME: &str = "ball-plate";
-/// Maximum duration of a run without `long = true`, s: drift limits the value of a longer run.
+/// Maximum machine time of a plan without `long = true`, s; a longer one is refused, because drift limits its value.
 const MAX_DURATION_WITHOUT_LONG_SETTING_S: f64 = 4.0 * 3600.0;
 
+/// The method `ball-plate`: error motions of a rotary table from uncalibrated balls on a circle.
 pub struct BallPlate {
     settings: BallPlateSettings,
 }

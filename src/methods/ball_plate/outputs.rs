@@ -17,6 +17,8 @@ use machine::record::estimate::{FunctionFigureKind, Unit};
 /// Number of points of a curve per revolution.
 const CURVE_POINTS_PER_REVOLUTION: usize = 72;
 
+/// Linear parameters; curves of the six error motions, the plate and the linear axes, in this order; and, as
+/// nonlinear outputs, the range of each error motion over its curve.
 pub fn build_outputs(solved: &SolvedRun<'_>) -> IdentificationOutputs {
     let motions = MOTION_COMPONENTS.iter().enumerate().map(|(k, component)| error_motion_curve(solved, k, *component));
     let motions: Vec<OutputCurve> = motions.collect();
@@ -120,6 +122,7 @@ fn first_harmonic_fit_weights(radial: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     radial.iter().map(weights).map(|w| [w.x, w.y]).collect()
 }
 
+/// Curve of one error motion, mean of both directions without the reversal. `k`: index of the component.
 fn error_motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> OutputCurve {
     let (layout, axis, x) = (&solved.design.layout, solved.plate.rotary_axis, &solved.solution.x);
     let slope = |(stop, angle): (usize, &f64)| {

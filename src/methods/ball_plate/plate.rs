@@ -12,24 +12,27 @@ use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
-/// Maximum distance of a ball from its measuring position, mm. Within this distance the deviations of the linear axes
-/// count as equal (paper 5, section 2.2).
+/// Maximum distance of a stated ball centre from its measuring position, mm, to which the position uncertainty of the
+/// artefact is added; beyond it the artefact is refused. Within this distance the deviations of the linear axes count
+/// as equal (paper 5, section 2.2).
 pub const MAX_BALL_OFFSET_FROM_MEASURING_POSITION_MM: f64 = 1.0;
 /// Minimum radius of the circle, mm: a smaller circle does not determine tilt sufficiently.
 const MIN_CIRCLE_RADIUS_MM: f64 = 10.0;
 
+/// The ball plate on the rotary table.
 pub struct Plate<'a> {
     pub balls: &'a Balls,
     /// The axis that turns the plate.
     pub rotary_axis: Axis,
-    /// Positions of all other rotary axes.
-    pub other_rotary_positions: Position,
+    /// Positions of the rotary axes, all at zero; the entry of `rotary_axis` is replaced at each stop.
+    pub rotary_positions_at_zero: Position,
     /// A point on the axis at the height of `point_mm`, table frame, mm.
     pub axis_point_mm: Vector3<f64>,
     /// Sense of rotation: +1 if a rising command turns the table right-handed about +Z.
     pub turn_sign: f64,
-    /// Radius of the circle of the balls, mm.
+    /// Mean distance of the stated ball centres from the axis, mm.
     pub circle_radius_mm: f64,
+    /// Unit vector from the axis to each ball, in XY of the table frame.
     pub radial_directions: Vec<Vector3<f64>>,
     /// Position of each ball in steps of 360°/M, counted from the first ball, counter-clockwise.
     pub ball_steps: Vec<usize>,
@@ -37,8 +40,8 @@ pub struct Plate<'a> {
 
 impl<'a> Plate<'a> {
     /// # Errors
-    /// The machine has no rotary table along Z, or the balls are not on one circle at multiples of 360°/M, where M is the
-    /// number of stops per revolution.
+    /// The machine has no rotary table along Z, or the balls are not on one circle at multiples of 360°/M, where M is
+    /// the number of stops per revolution.
     pub fn new(plan: &'a Plan, settings: &BallPlateSettings) -> Result<Self, MethodRefusal> {
         let set = require_balls(super::METHOD_NAME, &plan.artefact)?;
         let chain = KinematicChain::new(&plan.machine)?;
@@ -54,7 +57,7 @@ impl<'a> Plate<'a> {
         let plate = Self {
             balls: set,
             rotary_axis: axis,
-            other_rotary_positions: still,
+            rotary_positions_at_zero: still,
             axis_point_mm: point,
             turn_sign: turn,
             circle_radius_mm: radius_mm,
@@ -117,7 +120,7 @@ impl<'a> Plate<'a> {
     }
 }
 
-/// The nearest multiples of 360°/M, counted from the first ball.
+/// For each ball the nearest multiple of 360°/M, as a step number, counted from the first ball.
 fn nearest_position_steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
     let azimuth = |r: &Vector3<f64>| r.y.atan2(r.x);
     let first = radial.first().map_or(0.0, azimuth);

@@ -17,7 +17,7 @@ pub struct BallPlateSettings {
     pub both_directions: bool,
     /// Highest order of the harmonics of the six error motions.
     pub harmonics: usize,
-    /// Highest n of the sub-harmonics θ/2 to θ/n, for bearings and drives that repeat after n revolutions; 0:
+    /// Highest n of the sub-harmonics θ/2 to θ/n, for bearings and drives that repeat after n revolutions; 0 or 1:
     /// none.
     pub sub_harmonics: usize,
     /// Whether each error motion has a separate value at each stop instead of harmonics. Drift and reversal
@@ -32,8 +32,9 @@ pub struct BallPlateSettings {
     pub touches: usize,
     /// Whether one ball is measured again at the start, the middle and the end.
     pub references: bool,
-    /// Clearance before the expected contact of a slow touch, mm, and maximum travel beyond it, mm.
+    /// Clearance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
+    /// Maximum travel of a slow touch beyond the expected contact, mm.
     pub search_mm: f64,
     /// Maximum form of one measurement of a ball, µm. Above it the ball is measured again; if the repeated value is
     /// above it too, the run is held.

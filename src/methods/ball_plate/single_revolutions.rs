@@ -12,6 +12,8 @@ use crate::identification::function_over_harmonic_orders;
 use machine::Axis;
 use machine::record::estimate::{EstimatedFunction, FunctionFigureKind, Unit};
 
+/// Deviations of the linear axes by revolution and, unless each stop has a separate value, error motions at the
+/// stops.
 pub fn single_revolution_functions(solved: &SolvedRun<'_>) -> Vec<EstimatedFunction> {
     let residuals: Vec<Vector3<f64>> = solved.residuals().collect();
     let mut all = linear_axis_deviations_by_revolution(solved, &residuals);
@@ -22,7 +24,8 @@ pub fn single_revolution_functions(solved: &SolvedRun<'_>) -> Vec<EstimatedFunct
     all
 }
 
-/// Curves over an angle without a stated uncertainty, one curve per revolution or direction.
+/// A function of an angle without a stated uncertainty; its points hold one curve after the other, one per revolution
+/// or direction. `points`: rad and internal unit.
 fn angle_curve(
     symbol: String,
     argument: &str,
@@ -38,7 +41,8 @@ fn angle_curve(
     }
 }
 
-/// Deviations of X, Y and Z at the measuring positions, by revolution.
+/// Deviations of X, Y and Z at the measuring positions, by revolution: the fitted value, corrected by the mean
+/// residual of the revolution.
 fn linear_axis_deviations_by_revolution(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> Vec<EstimatedFunction> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     let positions = solved.settings.positions;

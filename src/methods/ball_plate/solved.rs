@@ -20,6 +20,7 @@ use machine::record::reading::Reading;
 /// Maximum number of undetermined combinations that are named.
 const MAX_NAMED_UNDETERMINED_COMBINATIONS: usize = 4;
 
+/// Observations of a run and the least-squares solution of their equations, without the uncertainty of the solution.
 pub struct SolvedRun<'a> {
     pub settings: &'a BallPlateSettings,
     pub plate: &'a Plate<'a>,
@@ -28,9 +29,10 @@ pub struct SolvedRun<'a> {
     pub sources: Vec<UncertaintySource>,
     /// Standard uncertainty of each coordinate of each observation, mm.
     pub coordinate_sigmas_mm: Vec<f64>,
+    /// Unweighted; three rows (X, Y, Z) per observation.
     pub design_matrix: Mat<f64>,
     pub solution: LinearSolution,
-    /// Whether the sizes of the sources are declared; otherwise the residuals scale them.
+    /// Whether `repeatability_um` of the probe is declared; otherwise the residuals scale the sizes of the sources.
     pub has_declared_source_sizes: bool,
 }
 

@@ -13,8 +13,8 @@ const COORDINATE_STD_U_FLOOR_MM: f64 = 1e-6;
 /// drift rate changes within a run.
 const THERMAL_TIME_CONSTANT_S: f64 = 7200.0;
 
-/// Sources of a run. Constant errors of X, Y and Z are part of the measuring positions and therefore no
-/// source.
+/// Sources of a run with an effect: those of the touches and a change of the drift rate; both drifts are kept out of
+/// the weights. Constant errors of X, Y and Z are part of the measuring positions and therefore no source.
 pub fn uncertainty_sources(plan: &Plan, measured: &PlateMeasurements) -> Vec<UncertaintySource> {
     let centres = &measured.observed_balls.centres;
     let mut list = touch_sources(plan, &measured.observed_balls);
@@ -35,7 +35,7 @@ pub fn uncertainty_sources(plan: &Plan, measured: &PlateMeasurements) -> Vec<Unc
     list
 }
 
-/// Standard uncertainty of each coordinate of each observation, mm.
+/// Standard uncertainty of each coordinate of each observation, from the sources that enter the weights, mm.
 pub fn coordinate_sigmas(sources: &[UncertaintySource], observations: usize) -> Vec<f64> {
     let blocks = block_covariances::<3>(sources, observations);
     let of_block = |block: &nalgebra::Matrix3<f64>| {

@@ -27,9 +27,12 @@ pub struct TableStop {
 #[derive(Debug, Clone)]
 pub struct UnknownsLayout {
     pub angle_basis: AngleBasis,
+    /// Whether the difference between rising and falling approach is an unknown of each error motion.
     pub has_reversal: bool,
+    /// Order of the drift polynomial in relative time; 0: no drift unknowns.
     pub drift_order: usize,
-    /// Number of interruptions of the run. The table may be displaced after each.
+    /// Number of fitted steps at interruptions, after which the table may be displaced: interruptions with
+    /// measurements before and after them; 0 with a value for each stop.
     pub interruption_count: usize,
     /// Number of measuring positions.
     pub measuring_position_count: usize,
@@ -40,10 +43,12 @@ pub struct UnknownsLayout {
 }
 
 impl UnknownsLayout {
+    /// Index of the coefficient of a basis function. `component`: index in [`MOTION_COMPONENTS`].
     pub fn motion_unknown_index(&self, component: usize, function: usize) -> usize {
         component * self.angle_basis.function_count() + function
     }
 
+    /// Index of the value of an error motion at rising minus that at falling commands. Only valid if `has_reversal`.
     pub fn reversal_unknown_index(&self, component: usize) -> usize {
         MOTION_COMPONENTS.len() * self.angle_basis.function_count() + component
     }

@@ -9,7 +9,8 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     possible_causes: "a loose ball, drift, error motions above the highest harmonic, error motions that do not repeat",
     declaring_settings: "repeatability_um or error_motion_um",
 };
-/// Minimum displacement of a ball in one revolution for it to be named, in standard deviations.
+/// Minimum mean displacement of a ball in one revolution for a warning, as a multiple of the standard uncertainty of
+/// one coordinate of that mean.
 const LOOSE_BALL_THRESHOLD_SIGMAS: f64 = 5.0;
 
 pub fn collect_warnings(solved: &SolvedRun<'_>, identified: &Identification) -> Vec<String> {

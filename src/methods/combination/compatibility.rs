@@ -59,7 +59,7 @@ impl CombinationRefusal {
     }
 }
 
-/// Maximum distance of two points that count as equal, mm.
+/// Maximum difference of each coordinate of two points that count as equal, mm.
 const SAME_POINT_TOLERANCE_MM: f64 = 0.5;
 
 /// Checks `runs`, which are sorted by their number.
@@ -115,6 +115,7 @@ fn check_same_machine_and_method(run: &MeasuredRun<'_>, first: &MeasuredRun<'_>)
     }
 }
 
+/// Refuses if `holding` holds a parameter at zero that `other` estimates.
 fn check_held_at_zero(holding: &MeasuredRun<'_>, other: &MeasuredRun<'_>) -> Result<(), CombinationRefusal> {
     let held = &holding.estimate.held_at_zero;
     match held.iter().find(|symbol| other.estimate.covariance.symbols.contains(symbol)) {
@@ -132,7 +133,8 @@ pub fn convention_without_values(line: &str) -> &str {
     line.split(", measured [").next().unwrap_or(line)
 }
 
-/// Checks that both runs state the same conventions, and positions at the same point.
+/// Checks that both runs state the same conventions (measured values in them may differ), and the same point for the
+/// positions of the axes.
 fn check_conventions(run: &MeasuredRun<'_>, first: &MeasuredRun<'_>) -> Result<(), CombinationRefusal> {
     let other =
         |difference: String| CombinationRefusal::OtherConventions { run: run.number, first: first.number, difference };

@@ -20,7 +20,7 @@ pub struct RunDeviation {
     pub run: i64,
     pub symbol: String,
     pub unit: Unit,
-    /// Run minus combination of the others.
+    /// Run minus combination of the other selected runs, in `unit`.
     pub by: f64,
     /// Expanded uncertainty of `by`, coverage probability 95.45 %, with the correlation by shared sources.
     #[serde(rename = "U")]
@@ -28,14 +28,15 @@ pub struct RunDeviation {
     /// Normalized error |by|/U (ISO 13528).
     #[serde(rename = "E_n")]
     pub normalized_error: f64,
-    /// Whether the deviation exceeds the limit for the largest of all deviations (Bonferroni).
+    /// Whether |by| exceeds its limit. If the runs agree, the probability that any of the deviations exceeds its
+    /// limit is at most 0.5 % (Bonferroni). The limit is not U.
     pub disagrees: bool,
 }
 
 /// A run that contradicts others.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Disagreement {
-    /// Largest deviation of the run.
+    /// Deviation of the run with the largest normalized error, from the combination of `others`.
     pub deviation: RunDeviation,
     /// Runs with whose combination the run is compared.
     pub others: Vec<i64>,
@@ -44,11 +45,13 @@ pub struct Disagreement {
 /// Result of the consistency test.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Consistency {
-    /// χ² of the residuals of the combination, with its degrees of freedom and the probability of a larger χ².
+    /// χ² of the residuals of the combination of all runs.
     pub chi2: f64,
+    /// Degrees of freedom of `chi2`.
     pub degrees_of_freedom: usize,
+    /// Probability of a larger χ² if the runs agree.
     pub p_value: f64,
-    /// All deviations, by run.
+    /// All deviations, by run, each from the combination of all other runs.
     pub deviations: Vec<RunDeviation>,
     /// Runs to leave out until the others agree, the worst first. If the last two runs contradict each other, the last
     /// entry names both. Empty: the runs agree.
@@ -88,16 +91,18 @@ impl Consistency {
         self.disagreeing_runs.is_empty()
     }
 
-    /// Largest deviation of a parameter over the runs.
+    /// Deviation of a parameter with the largest normalized error over the runs.
     pub fn largest_deviation_of(&self, symbol: &str) -> Option<&RunDeviation> {
         largest_deviation(self.deviations.iter().filter(|one| one.symbol == symbol))
     }
 }
 
+/// Probability of a larger χ²; 1 without degrees of freedom.
 fn p_value(solution: &JointSolution) -> f64 {
     if solution.dof == 0 { 1.0 } else { chi_square_tail(solution.chi2, solution.dof as f64) }
 }
 
+/// The deviation with the largest normalized error.
 fn largest_deviation<'a>(deviations: impl IntoIterator<Item = &'a RunDeviation>) -> Option<&'a RunDeviation> {
     deviations.into_iter().max_by(|one, other| one.normalized_error.total_cmp(&other.normalized_error))
 }
@@ -127,7 +132,7 @@ fn deviations_of_runs(joint: &JointResults, is_selected: &[bool]) -> Result<Vec<
 struct Contrast {
     run_index: usize,
     unknown_index: usize,
-    /// Coefficient of each row.
+    /// Coefficient of each row of the joint results.
     coefficients: DVector<f64>,
 }
 

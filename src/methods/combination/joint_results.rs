@@ -14,12 +14,13 @@ pub struct JointResults {
     /// Numbers of the runs, ascending.
     pub runs: Vec<i64>,
     pub rows: ParameterRows,
+    /// All sources with known effects by draw, also those that only one run contains.
     pub sources: Vec<JointSource>,
     /// Covariance from all sources that are independent in each run.
     run_specific_covariance: DMatrix<f64>,
-    /// Degrees of freedom of the parameter of each row.
+    /// Degrees of freedom of the parameter of each row; infinite if its run states none.
     dofs: Vec<f64>,
-    /// Joint covariance.
+    /// Joint covariance of the rows: run-specific covariance plus that by `sources`, which correlates the runs.
     pub covariance: DMatrix<f64>,
 }
 
@@ -76,6 +77,6 @@ pub struct VarianceAndDof {
     /// Part from the sources that are independent in each run.
     pub run_specific_variance: f64,
     pub variance: f64,
-    /// Effective degrees of freedom.
+    /// Smallest degrees of freedom of the parameters that contribute.
     pub dof: f64,
 }

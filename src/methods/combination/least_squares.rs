@@ -6,13 +6,15 @@ use super::joint_results::JointResults;
 
 /// Solution for the unknowns that the selected runs contain.
 pub struct JointSolution {
-    /// Indices of the unknowns.
+    /// Indices of the unknowns, ascending.
     pub unknown_indices: Vec<usize>,
+    /// Values of the unknowns in the order of `unknown_indices`, each divided by its scale.
     pub values: DVector<f64>,
     /// Derivatives of `values` by all rows; zero for rows of other runs.
     pub gain: DMatrix<f64>,
-    /// χ² of the residuals, and its degrees of freedom.
+    /// χ² of the residuals with the joint covariance.
     pub chi2: f64,
+    /// Degrees of freedom of `chi2`: rows minus unknowns.
     pub dof: usize,
 }
 

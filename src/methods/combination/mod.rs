@@ -54,7 +54,9 @@ pub struct CombinedParameter {
     /// Value of each run, in the order of the runs. `None`: the run does not identify the parameter, or the parameter
     /// belongs to another set-up.
     pub values: Vec<Option<f64>>,
+    /// Value by generalized least squares over all runs.
     pub combined: f64,
+    /// Expanded uncertainty of `combined`.
     #[serde(rename = "U")]
     pub expanded: f64,
 }
@@ -63,6 +65,7 @@ pub struct CombinedParameter {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SharedSource {
     pub source: String,
+    /// Numbers of the runs with the source, ascending.
     pub runs: Vec<i64>,
     /// Whether the correlation is known. Otherwise the combination contains the largest possible effect.
     pub has_known_correlation: bool,

@@ -30,6 +30,7 @@ pub struct ParameterRows {
     /// One unknown for each symbol: a parameter of several runs is one unknown.
     pub unknowns: Vec<CombinationUnknown>,
     pub rows: Vec<ParameterRow>,
+    /// Value of each row, divided by the scale of its unknown.
     pub values: DVector<f64>,
 }
 

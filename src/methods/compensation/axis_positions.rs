@@ -35,10 +35,12 @@ pub struct MeasuredLength {
 pub struct MeasuredAxisPositions<'a> {
     chain: KinematicChain,
     estimate: &'a Estimate,
+    /// Errors of the axes, with the position of the spindle where the estimate gives it.
     known: KnownErrors<'a>,
     undetermined_spindle_components: Vec<UndeterminedSpindleComponent>,
     /// Point for which the positions are valid. `None`: the table has no axis along Z.
     at: Option<Vector3<f64>>,
+    /// On the spindle axis at the stated stylus length.
     tip: Point<SpindleFrame>,
 }
 
@@ -99,6 +101,8 @@ impl<'a> MeasuredAxisPositions<'a> {
         Ok(MeasuredLength { mm, expanded_mm })
     }
 
+    /// Measured position: the stated one plus the displacement by the identified errors, relative to the tip.
+    ///
     /// # Errors
     /// The estimate does not determine the position, or not relative to the spindle.
     pub fn position(&self, coordinate: RotaryAxisCoordinate) -> Result<MeasuredLength, MethodRefusal> {
@@ -141,8 +145,9 @@ impl<'a> MeasuredAxisPositions<'a> {
         })
     }
 
-    /// Checks that the estimate contains the location error, or holds it at zero as equivalent to others, and gives the
-    /// position of the spindle.
+    /// Checks that the estimate contains the location error, or holds it at zero as equivalent to others, that the
+    /// run includes zero of each rotary axis that carries the axis, and that the position of the spindle is
+    /// determined.
     fn check_is_determined(
         &self,
         RotaryAxisCoordinate { axis, component }: RotaryAxisCoordinate,

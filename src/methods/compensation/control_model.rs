@@ -13,12 +13,12 @@ const MAX_WRITTEN_STEPS_PER_MM: f64 = 1e4;
 /// Number of significant digits with which `halcmd` prints a value.
 const PIN_SIGNIFICANT_DIGITS: i32 = 7;
 
-/// How a control states its values.
+/// Resolution with which a control states its values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum ValueResolution {
-    /// Digits of the whole number.
+    /// Number of significant digits of the value in mm.
     Digits(i32),
-    /// Decimals of mm.
+    /// Number of decimals of the value in mm.
     Decimals(i32),
 }
 
@@ -103,9 +103,9 @@ impl ControlModel {
         }
     }
 
-    /// A work offset whose zero is the centre of rotation: each value is one coordinate of a rotary axis. Its coordinate
-    /// is the position of the spindle without a tool, because the control adds the length of the tool. `decimals`: those of
-    /// mm in which the control states the values.
+    /// A work offset whose zero is the centre of rotation: each value is one coordinate of a rotary axis. Its
+    /// coordinate is the position of the spindle without a tool, because the control adds the length of the tool.
+    /// `decimals`: those of mm in which the control states the values.
     pub fn work_offset(values: Vec<(RotaryAxisCoordinate, ControlValue)>, decimals: i32) -> Self {
         let (coordinates, values): (Vec<_>, Vec<_>) = values.into_iter().unzip();
         let position = |(adjusted_value_index, coordinate)| ControlledPosition {
@@ -207,6 +207,7 @@ impl ControlModel {
         Ok(locations.into_iter().chain(gains.collect::<Result<Vec<_>, _>>()?).collect())
     }
 
+    /// Deviations of the positions of the control from the stated axes, each relative to the axis that carries it.
     fn location_errors(
         &self,
         chain: &KinematicChain,

@@ -11,8 +11,8 @@ use crate::MethodRefusal;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProposalOptions {
     /// Whether positions whose deviation is within U are changed too.
-    pub with_insignificant_changes: bool,
-    /// Largest change of a position, mm.
+    pub applies_insignificant_changes: bool,
+    /// Largest change of a position or of the correction of a travel, mm; if one exceeds it, nothing is proposed.
     pub max_change_mm: f64,
 }
 
@@ -32,6 +32,7 @@ pub struct ProposedPosition {
     /// Expanded uncertainty of the measured position.
     #[serde(rename = "U_mm", skip_serializing_if = "Option::is_none")]
     pub expanded_mm: Option<f64>,
+    /// The measured position, or the present one if it is kept.
     pub proposed_mm: f64,
     /// Reason to keep the present position, with a remedy. Absent: the position is changed.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -44,6 +45,7 @@ pub struct ProposedPosition {
 pub struct ProposedTravel {
     #[serde(flatten)]
     pub travel: AxisTravel,
+    /// Excess of the travel that the table of the control causes now.
     pub present_mm: f64,
     /// Present correction minus measured error. Absent: the run does not determine the error.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -51,6 +53,7 @@ pub struct ProposedTravel {
     /// Expanded uncertainty of the measured error.
     #[serde(rename = "U_mm", skip_serializing_if = "Option::is_none")]
     pub expanded_mm: Option<f64>,
+    /// The required correction, or the present one if it is kept.
     pub proposed_mm: f64,
     /// Reason to keep the present correction, with a remedy. Absent: the correction is changed.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -64,15 +67,18 @@ pub struct ProposedValue {
     pub present_mm: f64,
     /// The present value as the control states it.
     pub present_text: String,
+    /// Rounded to the steps of the control; the present value if it is within half a step.
     pub proposed_mm: f64,
 }
 
+/// Proposed positions and corrections, and the values of the control for them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Proposal {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub positions: Vec<ProposedPosition>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub travels: Vec<ProposedTravel>,
+    /// All values of the control, also unchanged ones, in the order of the control model.
     pub values: Vec<ProposedValue>,
     /// Point for which the positions are valid: machine frame with all axes at zero, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -195,7 +201,7 @@ fn reason_to_keep(
     options: ProposalOptions,
     what: &str,
 ) -> Result<Option<MethodRefusal>, MethodRefusal> {
-    let is_changed = deviation_mm.abs() > expanded_mm || options.with_insignificant_changes;
+    let is_changed = deviation_mm.abs() > expanded_mm || options.applies_insignificant_changes;
     MethodRefusal::require(
         !is_changed || deviation_mm.abs() <= options.max_change_mm,
         format!(

@@ -37,7 +37,9 @@ pub struct TravelEntry {
 pub struct ControlledTravel {
     pub(super) travel: AxisTravel,
     pub(super) entries: Vec<TravelEntry>,
+    /// Entry at the start of the travel.
     first: TravelEntry,
+    /// Entry at the end of the travel, for the same direction of motion as `first`.
     last: TravelEntry,
 }
 

@@ -23,21 +23,22 @@ pub enum CorrectedQuantity {
     Travel(AxisTravel),
 }
 
-/// Error of a corrected quantity after the compensation, mm.
+/// Error of a corrected quantity after the compensation, mm: true minus control position of a rotary axis, or excess
+/// travel of a linear axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RemainingDeviation {
     #[serde(flatten)]
     pub quantity: CorrectedQuantity,
-    /// Change by the compensation.
+    /// Change of the position or correction in the control by the compensation.
     pub change_mm: f64,
-    /// By the run of the compensation.
+    /// Remaining error according to the run from which the compensation was computed.
     pub predicted_mm: f64,
     /// Largest predicted error with which the value follows from the run of the compensation.
     pub prediction_limit_mm: f64,
-    /// By the second run.
+    /// Remaining error according to the second run.
     pub measured_mm: f64,
-    /// Limit of the difference of measured and predicted error: with correct values, all differences of a verification are
-    /// below their limits with the probability 95.45 %.
+    /// Limit of the difference of measured and predicted error: with correct values, all differences of a
+    /// verification are below their limits with the probability 95.45 %.
     pub limit_mm: f64,
 }
 
@@ -61,8 +62,8 @@ pub fn joint_coverage_ratio(count: usize, dof: f64) -> f64 {
 /// which makes the limits larger.
 ///
 /// # Errors
-/// A run does not determine a changed quantity, or not accurately enough to show the change; the positions of the runs are
-/// stated at different points.
+/// A run does not determine a changed quantity, or not accurately enough to show the change; the positions of the runs
+/// are stated at different points.
 pub fn compare_remaining_deviations(
     first: MeasuredAxisPositions<'_>,
     second: MeasuredAxisPositions<'_>,
@@ -106,7 +107,8 @@ pub fn compare_remaining_deviations(
     Ok(all)
 }
 
-/// A run with a large U would confirm any value.
+/// Refuses if the limit for the largest change is not smaller than this change: a run with a large U would confirm
+/// any value.
 fn check_shows_largest_change(all: &[RemainingDeviation]) -> Result<(), MethodRefusal> {
     let largest = all.iter().max_by(|one, other| one.change_mm.abs().total_cmp(&other.change_mm.abs()));
     let [change_um, limit_um] =

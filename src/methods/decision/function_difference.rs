@@ -17,6 +17,7 @@ pub struct FunctionDifference {
     pub gauge_at: Option<f64>,
     /// Arguments, without that of the reference point, where the difference is zero by definition.
     pub x: Vec<f64>,
+    /// Second minus first at each argument; with a reference point, minus the same difference there.
     pub by: Vec<f64>,
     /// Expanded uncertainty of `by`.
     #[serde(rename = "U")]
@@ -33,7 +34,7 @@ impl FunctionDifference {
             .max_by(|i, j| self.normalized_errors[*i].total_cmp(&self.normalized_errors[*j]))
     }
 
-    /// Number of points that agree.
+    /// Number of points that agree (E_n up to 1).
     pub fn agreeing_point_count(&self) -> usize {
         self.normalized_errors.iter().filter(|e_n| **e_n <= 1.0).count()
     }
@@ -61,7 +62,8 @@ pub fn function_differences(first: &Estimate, second: &Estimate, k: f64) -> Vec<
     pairs.filter_map(|(one, other)| function_difference(one, other, k)).collect()
 }
 
-/// A function without a stated uncertainty, such as residuals, is not comparable.
+/// Whether symbol, units and kind of figure match (no histograms), and both functions state an uncertainty, unlike
+/// residuals.
 fn is_comparable(one: &EstimatedFunction, other: &EstimatedFunction) -> bool {
     let is_stated = |function: &EstimatedFunction| function.u.iter().any(|u| *u > 0.0);
     let of = |f: &EstimatedFunction| (f.symbol.clone(), f.argument_unit.clone(), f.unit);
@@ -119,7 +121,7 @@ impl FunctionPoints {
     }
 }
 
-/// Difference of one function. `None`: the functions have no common argument.
+/// Difference of one function. `None`: the functions have no common argument besides that of the reference point.
 fn function_difference(one: &EstimatedFunction, other: &EstimatedFunction, k: f64) -> Option<FunctionDifference> {
     let is_continuous = is_curve(one);
     let points = [one, other].map(FunctionPoints::from_function);

@@ -61,6 +61,8 @@ pub fn describe_unmatched_tolerances(estimate: &Estimate, tolerances: &[Paramete
         .collect()
 }
 
+/// Judges the magnitude of the value against `limit`. The conformance is the probability that the true value is
+/// within ±limit.
 fn judge_parameter(parameter: &Parameter, limit: f64, is_model_contradicted: bool) -> LimitVerdict {
     let Parameter { value, u, expanded, dof, .. } = *parameter;
     let magnitude = value.abs();

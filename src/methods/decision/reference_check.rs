@@ -36,8 +36,8 @@ struct ReferenceMeasurement<'a> {
     time_in_run_s: f64,
 }
 
-/// Measurements of the references, in the order of measurement. Flagged readings are ignored, except those with the
-/// flag `Gap`: they are good, only earlier readings were lost.
+/// Measurements of the references since the artefact was last mounted, in the order of measurement. Flagged readings
+/// are ignored, except those with the flag `Gap`: they are good, only earlier readings were lost.
 fn reference_measurements<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<ReferenceMeasurement<'a>> {
     let good = |reading: &&Reading| matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap);
     let same = |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
@@ -187,6 +187,7 @@ impl<'a> ReferencePoints<'a> {
 }
 
 impl ReferencePoint<'_> {
+    /// Whether step and number within the scan are those of the reference point.
     fn is_measured_by(&self, measurement: &ReferenceMeasurement<'_>) -> bool {
         let identity =
             |measurement: &ReferenceMeasurement<'_>| (measurement.step.id, measurement.scan_measurement_index);

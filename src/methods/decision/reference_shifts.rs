@@ -17,7 +17,8 @@ const DRIFT_ALLOWANCE_CAP_RATIO: f64 = 3.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferencePair {
     pub label: String,
-    /// Position of the ball centre along the outward normal, before and after, mm.
+    /// Outward position before and after, mm: position of the linear axes against the direction of the touch, or
+    /// minus the distance that a sensor measured. Only the difference has a meaning.
     pub position_before_after_mm: [f64; 2],
     /// Times of the two touches, s.
     pub times_in_run_before_after_s: [f64; 2],
@@ -30,16 +31,17 @@ pub struct ReferencePair {
 pub enum TouchScatter {
     /// Declared standard uncertainty, mm.
     Declared { u_mm: f64 },
-    /// Pooled standard uncertainty from repeated touches of the references before the stop, mm.
+    /// Standard uncertainty, mm, pooled over the repeated measurements of the references before the stop, and over
+    /// those after it; `dof`: number of successive differences.
     Pooled { u_mm: f64, dof: u32 },
     /// Only the resolution is known.
     Unknown,
 }
 
 impl TouchScatter {
-    /// The declared scatter, or else the scatter from `series`: for each reference all its values before the
-    /// stop in order, mm. It is computed from successive differences, so that slow drift does not count as
-    /// scatter.
+    /// The declared scatter, or else the scatter from `series`: for each reference its values before the stop in
+    /// order, and, as a separate series, those after it, mm. It is computed from successive differences, so that slow
+    /// drift does not count as scatter, nor the shift at the stop.
     pub fn from_series(declared_mm: Option<f64>, series: &[Vec<f64>]) -> Self {
         if let Some(u_mm) = declared_mm {
             return Self::Declared { u_mm };
@@ -83,7 +85,7 @@ pub struct ShiftLimits {
 impl ShiftLimits {
     /// Limits for `reference_count` references that are compared together, so that all of them agree with probability
     /// [`ALL_REFERENCES_AGREE_PROBABILITY`]. Scatter that comes from the references themselves makes false refusals
-    /// even rarer. `drift_mm_per_s` is the declared standard deviation of the drift rate.
+    /// even rarer. `drift_rate_sd_mm_per_s` is the declared standard deviation of the drift rate.
     pub fn new(scatter: TouchScatter, reference_count: usize, drift_rate_sd_mm_per_s: f64) -> Self {
         let (touch_std_u_mm, dof) = match scatter {
             TouchScatter::Declared { u_mm } => (u_mm, f64::INFINITY),
@@ -105,7 +107,8 @@ impl ShiftLimits {
     }
 }
 
-/// Number of reference points that a plan compares, counting the references of one stage.
+/// Number of reference points that a plan compares: those of the first stage with references. Each point of a scan
+/// counts.
 pub fn compared_reference_point_count(plan: &Plan) -> usize {
     let references = || plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
     let first = references().next().map(|step| step.stage);
@@ -120,6 +123,7 @@ pub struct ReferenceShift {
     pub label: String,
     /// Shift along the outward normal, mm.
     pub shift_mm: f64,
+    /// Limit of the magnitude of `shift_mm`, inclusive.
     pub limit_mm: f64,
 }
 

@@ -6,6 +6,7 @@ use machine::record::plan::{Plan, StepKind};
 
 /// Harmonic orders that are checked for aliasing.
 const CHECKED_HARMONIC_ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
+/// Largest deviation of a cosine from 1, and of an angle, rad, that counts as none.
 const COSINE_TOLERANCE: f64 = 1e-6;
 
 /// Orders whose harmonics have the same value at all `angles`, rad. Empty if the axis does not turn.

@@ -20,12 +20,15 @@ const MAX_UNDETERMINED_SHARE: f64 = 1e-7;
 
 /// Equations of one independent block of unknowns, e.g. of one harmonic.
 pub struct BlockEquations {
-    /// Design matrix, observations × unknowns, with the names of the unknowns.
+    /// Design matrix, observations × unknowns.
     pub design_matrix: Mat<f64>,
+    /// Names of the unknowns, in the order of the columns of the design matrix.
     pub unknown_names: Vec<String>,
     pub observations_mm: Vec<f64>,
+    /// Standard uncertainty of each observation, mm.
     pub sigma_mm: Vec<f64>,
-    /// Group index of each observation, from 0.
+    /// Group index of each observation, from 0. The observations of each group are reduced separately from the other
+    /// groups.
     pub reduction_group_indices: Vec<usize>,
 }
 
@@ -44,8 +47,9 @@ pub struct BlockFit {
     pub undetermined_names: Vec<String>,
     /// Residuals of all observations, measured minus model, mm.
     residuals_mm: Vec<f64>,
-    /// Σ(residual/σ)² of all observations; `dof`: their degrees of freedom.
+    /// Σ(residual/σ)² of all observations, before the reduction.
     pub chi2: f64,
+    /// Degrees of freedom of `chi2`: number of observations minus rank.
     pub dof: usize,
 }
 
@@ -200,7 +204,7 @@ impl BlockwiseFit {
         self.blocks.iter().zip(parts).flat_map(of).collect()
     }
 
-    /// Effect of observations that have the given covariance, mm², within each block.
+    /// Effect of observations that have the given covariance, mm², by index of the block, within each block.
     pub fn block_covariance_effect(&self, covariance: impl Fn(usize) -> Mat<f64>) -> ObservationEffect {
         let (mut spans, mut first) = (Vec::new(), 0);
         for (block, fit) in self.blocks.iter().enumerate() {
@@ -213,8 +217,8 @@ impl BlockwiseFit {
         ObservationEffect::Spans(spans)
     }
 
-    /// A source that changes many observations together, by its `columns` in mm. It does not enter the
-    /// weights; its size stays as declared.
+    /// A source that changes many observations together. `columns`: change of all observations by each draw, mm. The
+    /// source does not enter the weights; its size stays as declared.
     pub fn unweighted_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
         let columns = columns.iter().map(|column| self.reduce_change(column)).collect();
         UncertaintySource::new_unweighted(name, columns, ResidualTreatment::InExpectedChi2)

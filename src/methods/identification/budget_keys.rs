@@ -14,8 +14,8 @@ struct BudgetLineKey {
     line_name: &'static str,
     /// Key of the machine file; `axes.*` means each of the axes.
     machine_file_key: &'static str,
-    /// Declared size; the largest one if there are several axes or sensors. 0: the line is proportional to no
-    /// declared size.
+    /// Declared size in the unit of the key; the largest one if there are several axes or sensors. 0: the line is
+    /// proportional to no declared size.
     declared_size: fn(&Plan) -> f64,
 }
 
@@ -23,6 +23,8 @@ const fn budget_line_key(line_name: &'static str, key: &'static str, declared_si
     BudgetLineKey { line_name, machine_file_key: key, declared_size }
 }
 
+/// Keys by budget line. Of several keys of a line, the first gives its key and sensitivity; each can make the line
+/// assumed.
 const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
     budget_line_key("repeatability of a touch", "probe.repeatability_um", |plan| {
         plan.probe.repeatability_um.unwrap_or_default()
@@ -86,8 +88,8 @@ fn largest_linear_resolution_um(plan: &Plan) -> f64 {
     largest_linear_axis_value(plan, |axis| axis.resolution_um)
 }
 
-/// Adds keys and sensitivities to the lines of the budgets, and marks the lines whose size is wholly or
-/// partly assumed.
+/// Adds keys and sensitivities (u of the line per unit of the declared size) to the lines of the budgets, and marks
+/// the lines whose size is wholly or partly assumed.
 pub fn add_budget_sensitivities(estimate: &mut Estimate, plan: &Plan) {
     let parameters = estimate.parameters.iter_mut().flat_map(|parameter| &mut parameter.budget);
     for line in parameters {

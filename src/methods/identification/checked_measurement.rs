@@ -15,13 +15,14 @@ pub struct MeasurementToCheck {
     /// Residual of the measurement, mm: outward along a touch; for a point, the length of its residual
     /// vector.
     pub residual_mm: f64,
-    /// Standard uncertainty from the sources in the weights, mm.
+    /// Standard uncertainty from the sources in the weights, mm; for a point, of one coordinate.
     pub u_mm: f64,
     /// Mean time of the readings of the measurement, on the clock of the readings, s.
     pub mean_time_s: f64,
 }
 
-/// Mean standard uncertainty of a coordinate, mm. `weight` converts mm to weighted rows.
+/// Standard uncertainty of a coordinate, mm, that corresponds to the mean weight of the three coordinates. `weight`
+/// converts mm to weighted rows.
 pub fn mean_coordinate_u_mm(weight: &Matrix3<f64>) -> f64 {
     3f64.sqrt() / weight.norm()
 }

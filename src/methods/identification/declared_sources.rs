@@ -21,7 +21,7 @@ pub const DEFAULT_ROTARY_MOTION_ORDERS: [u32; 4] = [2, 3, 4, 5];
 /// Assumed standard uncertainty of one touch if none is declared, mm; the residuals rescale it.
 const ASSUMED_REPEATABILITY_MM: f64 = 1e-3;
 
-/// An error motion of a rotary axis.
+/// Cosine or sine part of one harmonic of the error motion of a rotary axis along X, Y or Z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotaryErrorMotion {
     pub error: ErrorParameter,
@@ -46,9 +46,10 @@ pub fn resolution_u_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
     control_resolution_mm(plan, normal) / 12f64.sqrt()
 }
 
-/// Standard uncertainty of a mean of touches from the steps of the display, mm. The rounding error is a
-/// sawtooth function of the true position. Scatter of σ multiplies its first harmonic by exp(−2π²σ²/a²) and
-/// reduces the higher ones more. The part that the scatter does not average out remains.
+/// Standard uncertainty of a mean of touches from the steps of the display (`step_mm`), mm. The rounding error is a
+/// sawtooth function of the true position. Scatter of σ multiplies its first harmonic by exp(−2π²σ²/a²) and reduces
+/// the higher ones more. The part that the scatter does not average out remains. `s_mm`: standard deviation of the
+/// displayed positions, rounding included.
 pub fn rounding_u_of_mean_mm(step_mm: f64, s_mm: f64) -> f64 {
     if step_mm <= 0.0 {
         return 0.0;
@@ -158,8 +159,8 @@ pub fn linearity_effects_on_harmonics(
     columns
 }
 
-/// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random
-/// function of the position of each axis. The caller applies each pattern along X, Y and Z independently.
+/// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random function of
+/// the position of each axis, zero at position zero. The caller applies each pattern along X, Y and Z independently.
 pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     random_linear_axis_functions(plan, points, |spec| spec.error_motion_um * 1e-3)
         .into_iter()
@@ -167,8 +168,9 @@ pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f
         .collect()
 }
 
-/// Smooth random functions of the position of each of X, Y and Z at the axis positions `points`, with the standard
-/// deviation `size`. An axis without declared size has none.
+/// Smooth random functions of the position of each of X, Y and Z at the axis positions `points` (rounded to 1 mm),
+/// relative to position zero; `size`: their standard deviation before this subtraction. An axis without declared size
+/// has none.
 fn random_linear_axis_functions(
     plan: &Plan,
     points: &[Vector3<f64>],
@@ -196,8 +198,9 @@ pub fn angular_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<(Err
     patterns
 }
 
-/// Translational error motions of the rotary axes (ISO 230-7). `possible_orders`: orders for an axis that declares
-/// none. Order of the list: axis; harmonic, cosine before sine; X, Y, Z.
+/// Translational error motions of the rotary axes and the spindle (ISO 230-7) with a declared size.
+/// `possible_orders`: orders for an axis that declares none. Order of the list: axis; harmonic, cosine before sine;
+/// X, Y, Z.
 pub fn rotary_error_motions(plan: &Plan, possible_orders: &[u32]) -> Vec<RotaryErrorMotion> {
     let rotary = plan.machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
     let mut motions = Vec::new();

@@ -26,7 +26,7 @@ pub struct Identification {
     pub trial_statistics: Option<TrialStatistics>,
     pub fit_quality: FitQuality,
     pub outlier_check: OutlierCheck,
-    /// Sources that may be larger than declared and would explain a misfit.
+    /// Sources that may be larger than declared and would explain a misfit; empty without a misfit.
     pub likely_misfit_causes: Vec<LikelyMisfitCause>,
 }
 
@@ -137,6 +137,8 @@ impl Identification {
         Some(self.output_uncertainty(index, output))
     }
 
+    /// First-order uncertainty of a linear parameter; u by the trials for a nonlinear one, NaN without trials.
+    /// Internal unit.
     fn output_uncertainty(&self, index: usize, output: &OutputParameter) -> Uncertainty {
         match &output.linear_slope {
             Some(slope) => self.propagation.output_uncertainty(slope),

@@ -14,25 +14,30 @@ use crate::MethodRefusal;
 /// the axis.
 #[derive(Debug, Default)]
 pub struct KnownErrorMotions<'a> {
+    /// The estimates that are not maps of the probe.
     priors: Vec<&'a Estimate>,
     motions: Vec<KnownErrorMotion<'a>>,
 }
 
+/// One component of the error motion over the angle of the axis.
 #[derive(Debug)]
 struct KnownErrorMotion<'a> {
     /// Index of the estimate that gives the motion.
     prior_index: usize,
     /// Location error that displaces the axis as this motion does at one angle.
     location_error: ErrorParameter,
-    /// Height Z at which the motion is valid, if it is not that of `point_mm`, mm.
+    /// Height Z at which the motion is valid, if it is not that of `point_mm`; machine frame with all axes at zero,
+    /// mm.
     valid_height_mm: Option<f64>,
     representation: MotionRepresentation<'a>,
 }
 
+/// Values of a motion, and the form in which its uncertainty is known.
 #[derive(Debug)]
 enum MotionRepresentation<'a> {
     /// Cosine and sine parts with their symbols, if the estimate has their covariance.
     Harmonics(Vec<(&'a str, ErrorTerm)>),
+    /// Points of the function, interpolated linearly; used if the estimate lacks such parts or their covariance.
     Points(PeriodicPoints),
 }
 

@@ -33,9 +33,9 @@ pub fn find_likely_misfit_causes(solution: &SolvedModel<'_>, sources: &[Uncertai
     list
 }
 
-/// The weighted residuals have the variance 1. A source with the singular values σ in the residuals,
-/// multiplied by f, gives the variance 1 + f²σ² along its singular vectors. `None`: the source has no joint
-/// draws, or they do not appear in the residuals.
+/// The factor on the size of the source that makes the residuals most likely. The weighted residuals have the
+/// variance 1. A source with the singular values σ in the residuals, multiplied by f, gives the variance 1 + f²σ²
+/// along its singular vectors. `None`: the source has no joint draws, or they do not appear in the residuals.
 fn evaluate_larger_source(solution: &SolvedModel<'_>, source: &UncertaintySource) -> Option<LikelyMisfitCause> {
     if !matches!(source.effect, ObservationEffect::Joint(_)) {
         return None;

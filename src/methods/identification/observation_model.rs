@@ -17,6 +17,7 @@ pub struct FitQuality {
     pub condition_number: f64,
     /// Degrees of freedom of the fit: rows minus rank.
     pub dof: usize,
+    /// Root mean square of the unweighted residuals of all observations (for points: of all coordinates), mm.
     pub residual_rms_mm: f64,
 }
 

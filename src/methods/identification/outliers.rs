@@ -24,6 +24,7 @@ const DETECTION_PROBABILITY: f64 = 0.95;
 
 /// Result of the comparison of each measurement with all others.
 pub struct OutlierCheck {
+    /// Outliers, each with all measurements that may be its cause.
     pub outliers: Vec<Outlier>,
     /// Residual and smallest detectable deviation of each measurement.
     pub measurement_checks: Vec<MeasurementCheck>,
@@ -165,6 +166,7 @@ pub struct ResidualStatistics<'a> {
     pub residual_variances: &'a [f64],
     /// Sum of squares of all weighted residuals, scaled so that its expectation equals `effective_dof`.
     pub scaled_chi2: f64,
+    /// Effective degrees of freedom of `scaled_chi2`.
     pub effective_dof: f64,
     /// Whether the standard uncertainties are declared; otherwise the scatter comes from the residuals alone.
     pub has_declared_source_sizes: bool,
@@ -198,7 +200,8 @@ impl ResidualStatistics<'_> {
         (own / ((self.scaled_chi2 - own) / (self.effective_dof - count)).max(least)).sqrt()
     }
 
-    /// Excess of a deviation over the limit that gives a detection probability of 0.95.
+    /// Excess of a deviation over the limit that gives a detection probability of 0.95, as a multiple of the standard
+    /// deviation of the residual.
     fn detection_margin(&self) -> f64 {
         two_sided_t_factor(2.0 * DETECTION_PROBABILITY - 1.0, self.effective_dof - 1.0)
     }

@@ -6,6 +6,7 @@ use machine::record::estimate::Unit;
 
 use super::outputs::{NonlinearOutputs, OutputParameter};
 
+/// The largest minus the smallest value of a function at its points, as a parameter of the estimate.
 pub struct RangeOutput {
     pub symbol: String,
     /// Unit in which the estimate reports the range.

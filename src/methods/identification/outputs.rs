@@ -43,6 +43,7 @@ pub fn slope_of_unknown(index: usize, unknowns: usize) -> Vec<f64> {
 #[derive(Debug, Clone)]
 pub struct OutputCurve {
     pub symbol: String,
+    /// Name of the argument: an axis, or e.g. `ball` or `position`.
     pub argument: &'static str,
     pub argument_unit: &'static str,
     /// Arguments in `argument_unit`.

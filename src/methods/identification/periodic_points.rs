@@ -5,7 +5,7 @@ use machine::record::estimate::EstimatedFunction;
 const REVOLUTION_DEG: f64 = 360.0;
 /// Angle below which two points count as one, degrees.
 const ANGLE_TOLERANCE_DEG: f64 = 1e-6;
-/// Maximum angle between neighbouring points, degrees.
+/// Maximum angle between neighbouring points, degrees; a function with a larger gap is refused.
 const MAX_POINT_GAP_DEG: f64 = 90.0;
 
 /// One point: angle, degrees in 0 … 360; value and standard uncertainty in internal units.

@@ -30,6 +30,7 @@ pub fn probe_map_symbols(order: u32) -> [String; 2] {
 struct ProbeMapCoefficient {
     symbol: String,
     order: u32,
+    /// 0 for the cosine part, 0.25 for the sine part.
     phase_turns: f64,
     value_mm: f64,
     u_mm: f64,
@@ -43,9 +44,11 @@ impl ProbeMapCoefficient {
     }
 }
 
+/// Qualified pre-travel of the probe as harmonics of the azimuth in the spindle frame.
 #[derive(Debug)]
 pub struct ProbeMap<'a> {
     prior: &'a Estimate,
+    /// The parts whose u does not exceed the size that `[probe]` declares for their order.
     coefficients: Vec<ProbeMapCoefficient>,
 }
 
@@ -96,7 +99,8 @@ impl<'a> ProbeMap<'a> {
         self.subtracted_coefficients().any(|part| part.order == order)
     }
 
-    /// Outward error of the reading of a touch along the outward unit `normal` (spindle frame), mm.
+    /// Outward error of the reading of a touch along the outward unit `normal` (spindle frame), from the parts that
+    /// the map subtracts, mm.
     pub fn pre_travel_mm(&self, normal: &Vector3<f64>) -> f64 {
         self.subtracted_coefficients().map(|part| part.value_mm * part.direction_factor(normal)).sum()
     }

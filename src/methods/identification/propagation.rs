@@ -12,7 +12,8 @@ use super::uncertainty_source::{ResidualTreatment, UncertaintySource, may_be_sha
 /// The effects of the sources on the unknowns.
 pub struct Propagation {
     pub misfit: Misfit,
-    /// Variance of each weighted residual from the declared sources.
+    /// Variance of each weighted residual from the declared sources that are expected in χ², before scaling by the
+    /// misfit.
     pub residual_variances: Vec<f64>,
     effects: Vec<EffectOnUnknowns>,
     pub unknown_count: usize,
@@ -24,8 +25,10 @@ struct EffectOnUnknowns {
     evaluation: EvaluationType,
     distribution: Distribution,
     is_scaled_by_misfit: bool,
+    /// Degrees of freedom of the size of the source.
     dof: f64,
-    /// Change of the unknowns by draws of one standard deviation, unknowns × draws.
+    /// Change of the unknowns by draws of one standard deviation, unknowns × draws; with the misfit factor, if the
+    /// residuals scale the source.
     changes_by_draw: Mat<f64>,
 }
 

@@ -36,6 +36,7 @@ pub struct SpindleTerm<'a> {
 /// Position of the spindle from an estimate: the measured minus the stated stylus.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SpindlePosition<'a> {
+    /// One term for each linear axis along which the estimate gives the position of the spindle.
     pub terms: Vec<SpindleTerm<'a>>,
     /// Linear axes along which the estimate does not give the position of the spindle.
     pub undetermined: Vec<UndeterminedSpindleComponent>,
@@ -160,6 +161,7 @@ fn stylus_value(estimate: &Estimate, symbol: &str) -> Option<f64> {
 }
 
 /// An estimate without coordinates of a stylus contains the stylus, or a sensor, in the positions of its axes.
+/// `None`: these positions count as relative to the spindle along `component`.
 fn undetermined_without_stylus(
     estimate: &Estimate,
     component: Axis,

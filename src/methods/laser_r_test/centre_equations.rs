@@ -14,10 +14,11 @@ use crate::identification::ObservationEquation;
 use estimation::nonlinear_least_squares::{NonlinearError, NonlinearSolution, minimise_squares};
 use estimation::schur::BlockRows;
 
-/// Number of unknowns of the beam: its tilt along two perpendicular directions, and its gain minus 1.
+/// Number of unknowns of the beam: its tilt along two perpendicular directions, and the distance per reading minus 1.
 pub const BEAM_UNKNOWN_COUNT: usize = 3;
-/// Index of the gain minus 1 among the unknowns of the beam.
-pub const BEAM_GAIN_INDEX: usize = 2;
+/// Index of the distance per reading minus 1 among the unknowns of the beam. It is the inverse of the sensor's gain:
+/// [`gain_deviation`] converts it.
+pub const BEAM_DISTANCE_PER_READING_INDEX: usize = 2;
 
 /// A dwell point of the fit.
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +29,7 @@ pub struct ScanPoint {
     pub spindle_displacement_from_table_mm: Vector3<f64>,
     /// Rotation from the spindle frame to the machine frame.
     pub machine_from_spindle: Rotation3<f64>,
+    /// Reading of the sensor, mm; 0 for a touch.
     pub reading_mm: f64,
     /// Standard uncertainty of the distance from the centre, mm.
     pub u_mm: f64,
@@ -39,6 +41,8 @@ pub struct CentreEquations {
     /// Nominal direction of the beam and two perpendicular directions. Columns (across, across, along), spindle
     /// frame.
     pub beam_frame: Matrix3<f64>,
+    /// Stated distance from the centre to the measured points, mm; for touches with the radius of the stylus ball, and
+    /// the initial value of the unknown radius.
     pub radius_mm: f64,
     /// Dwell points, group after group.
     pub scan_points: Vec<ScanPoint>,
@@ -48,6 +52,7 @@ pub struct CentreEquations {
     /// Whether the radius of each scan is unknown. This is the case for a touched sphere, as the radius includes
     /// the probe's pre-travel.
     pub is_radius_free: bool,
+    /// Values of the beam unknowns if the beam is not free.
     pub fixed_beam_values: [f64; BEAM_UNKNOWN_COUNT],
 }
 
@@ -91,7 +96,8 @@ impl CentreEquations {
         if self.is_radius_free { x[self.first_unknown_index(group) + 3] } else { self.radius_mm }
     }
 
-    /// Vector of the beam in the spindle frame. The norm of the vector is the gain of the sensor.
+    /// Vector of the beam in the spindle frame. Its norm is the distance per reading, the inverse of the sensor's
+    /// gain.
     pub fn beam_vector(&self, x: &[f64]) -> Vector3<f64> {
         let beam = if self.is_beam_free { &x[..BEAM_UNKNOWN_COUNT] } else { &self.fixed_beam_values };
         self.beam_frame * Vector3::new(beam[0], beam[1], 1.0 + beam[2])
@@ -103,7 +109,7 @@ impl CentreEquations {
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
-    /// Vector from the centre to the light spot.
+    /// Vector from the centre of the sphere to the light spot, or to the stylus centre of a touch; machine frame, mm.
     pub fn centre_to_spot(&self, x: &[f64], row: &ScanPoint) -> Vector3<f64> {
         row.spindle_displacement_from_table_mm + row.machine_from_spindle * (self.beam_vector(x) * row.reading_mm)
             - self.group_centre(x, row.group_index)
@@ -115,6 +121,7 @@ impl CentreEquations {
         self.scan_points.iter().map(deviation).collect()
     }
 
+    /// Linearised, weighted rows at the unknowns `x`, one block per group; the beam is common to all blocks.
     fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
         let (common, own) = (self.beam_unknown_count(), self.unknowns_per_centre());
         let group_rows = |group: usize| {
@@ -187,7 +194,8 @@ pub fn gain_deviation(unknown: f64) -> f64 {
     1.0 / (1.0 + unknown) - 1.0
 }
 
-/// Whether these dwell points determine a centre. They do not if all normals lie in one plane, on one great circle.
+/// Whether these dwell points determine a centre. They do not if there are fewer than four, or if all normals lie in
+/// one plane, on one great circle.
 pub fn determines_centre(scan: &MeasuredScan, beam: Vector3<f64>, radius: f64) -> bool {
     let light_spot = |spot: &SampleMean| {
         spot.spindle_displacement_from_table_mm + scan.machine_from_spindle * beam * spot.reading_mm

@@ -13,17 +13,18 @@ use crate::identification::{
 };
 
 /// Standard uncertainty added in quadrature to that of each centre, to limit the weight of the centre, mm.
-const CENTRE_STD_U_FLOOR_MM: f64 = 1e-6;
+const ADDED_CENTRE_STD_U_MM: f64 = 1e-6;
 
 /// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and sphere; the
 /// beam; the latency, which only the sources change.
 pub struct CombinedFit<'a> {
     pub centre_fit: NonlinearFit<'a, CentreEquations>,
-    /// Gain of the first fit: unknowns of `centres` × dwell points.
+    /// Gain of the first fit: unknowns of `centre_fit` × dwell points.
     pub centre_gain_matrix: &'a Mat<f64>,
     pub machine_fit: NonlinearFit<'a, MachineEquations>,
     pub groups: &'a [PoseGroup],
-    /// Number of unknowns of the latency model: the latency, and the lost motion of each moved axis.
+    /// Number of unknowns of the latency model: the latency, and the lost motion of each moved axis; 0 without
+    /// continuous scans.
     pub latency_unknown_count: usize,
 }
 
@@ -38,6 +39,7 @@ impl CombinedFit<'_> {
         coordinates.collect()
     }
 
+    /// Unknowns of machine and beam; those of the latency are 0, because no observation changes them.
     fn join_unknowns(&self, mut machine: Vec<f64>, centres: &[f64]) -> Vec<f64> {
         machine.extend(&centres[..self.centre_fit.equation.beam_unknown_count()]);
         machine.resize(self.unknown_count(), 0.0);
@@ -106,7 +108,7 @@ pub fn centre_covariances(
         .flat_map(|source| (0..source.draw_count()).map(|draw| source.observation_change(draw, gain.ncols())));
     let source = UncertaintySource::new("centres", ObservationEffect::Joint(changes.map(centre_changes).collect()));
     let mut covariances = block_covariances(&[source], centres.group_count);
-    let least = Matrix3::from_diagonal_element(CENTRE_STD_U_FLOOR_MM.powi(2));
+    let least = Matrix3::from_diagonal_element(ADDED_CENTRE_STD_U_MM.powi(2));
     covariances.iter_mut().for_each(|covariance| *covariance += least);
     covariances
 }

@@ -1,6 +1,6 @@
 //! Warnings and notes of the estimate.
 
-use super::centre_equations::BEAM_GAIN_INDEX;
+use super::centre_equations::BEAM_DISTANCE_PER_READING_INDEX;
 use super::observe::ObservedScans;
 use super::paper_estimator;
 use super::result::IdentificationResult;
@@ -44,7 +44,7 @@ fn gain_warning(result: &IdentificationResult<'_>) -> Option<String> {
     if result.setup.uses_touch_probe() {
         return None;
     }
-    let index = result.unknown_names.len() + BEAM_GAIN_INDEX;
+    let index = result.unknown_names.len() + BEAM_DISTANCE_PER_READING_INDEX;
     let gain = result.identification.outputs.linear_parameters.get(index)?.value;
     let u = result.identification.parameter_uncertainty(index)?.u;
     (gain.abs() > MIN_REPORTED_GAIN_SIGMAS * u && gain.abs() > MIN_REPORTED_GAIN_DEVIATION).then(|| {
@@ -120,7 +120,7 @@ pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
 
 /// Text on the corrections of the continuous scans: latency and lost motion.
 fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
-    let ObservedScans { latency, reversal_or_gap_sample_count: unused_count, .. } = &result.observed;
+    let ObservedScans { latency, unreliable_sample_count: unused_count, .. } = &result.observed;
     let latency = latency.as_ref()?;
     let first = result.unknown_names.len() + result.grouped.centre_equations.beam_unknown_count();
     let expanded = |k: usize| result.identification.parameter_uncertainty(first + k).map_or(f64::NAN, |u| u.expanded());

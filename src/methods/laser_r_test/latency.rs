@@ -24,12 +24,13 @@ const ASSUMED_SAMPLE_STD_U_MM: f64 = 1e-3;
 const SAMPLE_STD_U_FLOOR_MM: f64 = 1e-6;
 /// Maximum number of iterations, each with newly interpolated positions. If it is reached, the fit is refused.
 const MAX_LATENCY_ITERATIONS: usize = 30;
-/// The iteration ends when the latency changes by less than this, s, or by less than the fraction
-/// [`LATENCY_TOLERANCE_RATIO`] of its standard uncertainty.
+/// The iteration ends when the latency changes by less than this, s, or by less than [`LATENCY_TOLERANCE_RATIO`]
+/// allows.
 const LATENCY_TOLERANCE_S: f64 = 1e-8;
+/// Fraction of the standard uncertainty of the latency; a smaller change also ends the iteration.
 const LATENCY_TOLERANCE_RATIO: f64 = 0.05;
-/// Iterations in which the reliable samples are selected again. Later the selection is fixed, otherwise some
-/// samples would alternate between iterations.
+/// Number of first iterations, in each of which the reliable samples are selected again. Later the selection is
+/// fixed, otherwise some samples would alternate between iterations.
 const SAMPLE_SELECTION_ITERATIONS: usize = 4;
 /// Largest ratio by which the other unknowns may increase an unknown's uncertainty. Beyond it the unknown counts as
 /// not separable. For two feeds in the ratio r, r > 1, it is (r + 1)/(r − 1).
@@ -76,6 +77,7 @@ impl LatencyEstimate {
     }
 }
 
+/// Derivative of the lag by the lost motion of the axis: half of it, along the last motion.
 fn half_lag_direction(axis: Axis, last_motion_sign: Vector3<f64>) -> Vector3<f64> {
     axis.nominal_direction().component_mul(&last_motion_sign) / 2.0
 }
@@ -137,10 +139,11 @@ struct LatencyIteration {
     rows_by_cell: Vec<Vec<LatencyRow>>,
 }
 
+/// Equation of one sample.
 struct LatencyRow {
     /// Reading minus the reading predicted from the fitted sphere, mm.
     deviation_mm: f64,
-    /// Derivatives of `deviation_mm` by τ (per s) and by the lags (per mm).
+    /// Derivatives of `deviation_mm` by the true τ (per s) and the true lags (per mm), at the assumed latency.
     deviation_derivatives: Vec<f64>,
 }
 

@@ -12,14 +12,15 @@ pub struct SampleMean {
     pub linear_axis_positions_mm: Vector3<f64>,
     /// Displacement of the spindle relative to the table, machine frame.
     pub spindle_displacement_from_table_mm: Vector3<f64>,
-    /// Reading, mm.
+    /// Reading, mm; 0 for a touch.
     pub reading_mm: f64,
     /// Number of the samples that the mean contains.
     pub sample_count: usize,
     /// Mean time of the samples on the clock of the run, s.
     pub time_in_run_s: f64,
-    /// Mean velocity of X, Y, Z in mm/s, and mean sign of the last motion of each axis (0 where unknown).
+    /// Mean velocity of X, Y, Z, mm/s.
     pub velocity: Vector3<f64>,
+    /// Mean sign of the last motion of each of X, Y, Z; 0 where unknown.
     pub last_motion_sign: Vector3<f64>,
 }
 

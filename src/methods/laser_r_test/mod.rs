@@ -41,6 +41,7 @@ use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
 pub const METHOD_NAME: &str = "laser-r-test";
+/// The method `laser-r-test`: location errors of rotary axes from one sphere, by laser sensor or touch probe.
 pub struct LaserRTest {
     settings: LaserRTestSettings,
 }

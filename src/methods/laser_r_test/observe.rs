@@ -22,6 +22,7 @@ const MAX_STANDSTILL_MOTION_MM: f64 = 0.005;
 /// All scans, and the data that was not used.
 #[derive(Debug, Clone, Default)]
 pub struct ObservedScans {
+    /// Scans with usable data; continuous ones corrected for latency and lost motion.
     pub scans: Vec<MeasuredScan>,
     /// Descriptions of the steps that contain no usable data.
     pub skipped_scans: Vec<String>,
@@ -34,8 +35,9 @@ pub struct ObservedScans {
     pub scatter_square_sum_and_dof: (f64, usize),
     /// Latency of the continuous scans. `None` if there are no continuous scans.
     pub latency: Option<LatencyEstimate>,
-    /// Number of samples of continuous scans at a reversal of an axis, or without a position.
-    pub reversal_or_gap_sample_count: usize,
+    /// Number of valid samples of continuous scans that are not used: near a reversal or at standstill of an axis, at
+    /// an abrupt change of velocity, or without a position.
+    pub unreliable_sample_count: usize,
     pub interruptions: Vec<Interruption>,
     /// Descriptions of motions of continuous scans with too few samples.
     pub sparse_motions: Vec<String>,
@@ -54,14 +56,17 @@ pub struct Interruption {
 
 /// One measurement of the plan before the correction for latency and lost motion.
 struct UncorrectedScan {
+    /// The means of a continuous scan are empty until the correction.
     measured_scan: MeasuredScan,
     /// Samples of a continuous scan, and X, Y, Z of its path. `None`: the scan is not continuous.
     history_and_path: Option<(PositionHistory, Vec<Vector3<f64>>)>,
+    /// Number of steps of the measurement: 1 for a scan, or the number of touches.
     step_count: usize,
 }
 
 impl ObservedScans {
-    /// Standard deviation of one sample from the samples at dwell points, mm.
+    /// Standard deviation of one sample from the samples at dwell points and in cells, mm. `None`: no point or cell
+    /// has two samples.
     pub fn sample_scatter_mm(&self) -> Option<f64> {
         let (squares, dof) = self.scatter_square_sum_and_dof;
         (dof > 0).then(|| (squares / dof as f64).sqrt())
@@ -75,10 +80,11 @@ impl ObservedScans {
     }
 }
 
-/// Reads the newest readings of each scan of the plan: poses, heights and search.
+/// Reads the newest readings of each scan of the plan: poses, heights, latency and search.
 ///
 /// # Errors
-/// A reading belongs to no step of the plan.
+/// A reading belongs to no step of the plan, the latency is not determined, or an interruption has no references
+/// after it.
 pub fn observe_scans(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<ObservedScans, IdentifyError> {
     IdentifyError::check_known_steps(setup.plan, readings)?;
     let mut of_step: BTreeMap<u32, Vec<&Reading>> = BTreeMap::new();
@@ -113,6 +119,10 @@ fn positions_by_time(readings: &[Reading]) -> Vec<(f64, Vector3<f64>)> {
     path
 }
 
+/// Interruptions with readings after them.
+///
+/// # Errors
+/// The readings contain no references that were measured again after an interruption.
 fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<Interruption>, IdentifyError> {
     let ordinary: Vec<&Reading> = readings.iter().filter(|r| r.repeat < FIRST_REPEAT_NUMBER_AFTER_STOP).collect();
     let has_later_readings = |gap_s: &f64| ordinary.iter().any(|reading| reading.t_s > *gap_s);
@@ -155,7 +165,7 @@ fn add_corrected_scan(setup: &LaserSetup<'_>, uncorrected_scan: UncorrectedScan,
     if let (Some((history, path)), Some(latency)) = (&history, &observed.latency) {
         let mut samples = history.timed_samples(latency.latency_s);
         samples.iter_mut().for_each(|sample| sample.xyz = latency.corrected_xyz(sample.xyz, sample.last_motion_sign));
-        observed.reversal_or_gap_sample_count += history.valid_reading_count() - samples.len();
+        observed.unreliable_sample_count += history.valid_reading_count() - samples.len();
         let sparse = describe_sparse_motions(path, &samples).into_iter();
         observed.sparse_motions.extend(sparse.map(|text| format!("{}: {text}", measured_scan.label)));
         let (sample_means, within) = average_samples_by_cell(setup, &measured_scan, &samples);

@@ -4,7 +4,7 @@ use std::iter::{once, repeat};
 
 use nalgebra::Vector3;
 
-use super::centre_equations::{BEAM_GAIN_INDEX, BEAM_UNKNOWN_COUNT, gain_deviation};
+use super::centre_equations::{BEAM_DISTANCE_PER_READING_INDEX, BEAM_UNKNOWN_COUNT, gain_deviation};
 use super::estimate_notes;
 use super::latency::{LatencyEstimate, latency_unknown_names};
 use super::pose_groups::PoseGroup;
@@ -52,8 +52,8 @@ pub fn build_outputs(
     let all = machine_names.chain(beam_names).chain(latency).enumerate();
     let parameters = all.map(|(i, (name, unit))| OutputParameter::from_unknown(&name, unit, i, x));
     let mut parameters: Vec<OutputParameter> = parameters.collect();
-    if beam > BEAM_GAIN_INDEX {
-        let gain = &mut parameters[names.len() + BEAM_GAIN_INDEX];
+    if beam > BEAM_DISTANCE_PER_READING_INDEX {
+        let gain = &mut parameters[names.len() + BEAM_DISTANCE_PER_READING_INDEX];
         gain.value = gain_deviation(gain.value);
         gain.linear_slope.iter_mut().flatten().for_each(|slope| *slope = -*slope);
     }

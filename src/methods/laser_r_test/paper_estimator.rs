@@ -73,7 +73,8 @@ fn zero_position_from_circles(
     Some(Vector3::new(circle_c[0], circle_c[1], circle_b[1]) - origin)
 }
 
-/// Location errors by Eq. (19): unweighted least squares over (B, C, measured position of the sphere).
+/// W by Eq. (19): unweighted least squares over (B, C, measured position of the sphere), rad and mm. `None`: there is
+/// no measurement at B = C = 0, or the errors are not determined.
 pub fn location_errors_by_least_squares(measured: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
     let (_, _, first) =
         *measured.iter().find(|(b, c, _)| b.abs() < ZERO_ANGLE_TOLERANCE_RAD && c.abs() < ZERO_ANGLE_TOLERANCE_RAD)?;
@@ -98,7 +99,8 @@ pub fn nominal_rotation(b: f64, c: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector3::y_axis(), -b) * Rotation3::from_axis_angle(&Vector3::z_axis(), -c)
 }
 
-/// ∂d/∂W at one pose: ∂q̂/∂W minus the contribution of the measurement at B = C = 0.
+/// ∂d/∂W at one pose: ∂q̂/∂W minus the contribution of the measurement at B = C = 0. `w`: position of the sphere
+/// there.
 pub fn location_error_derivatives(b: f64, c: f64, w: Vector3<f64>) -> [Vector3<f64>; 5] {
     let rotation = nominal_rotation(b, c);
     let (here, first) = (sphere_derivatives(b, rotation * w, w), sphere_derivatives(0.0, w, w));

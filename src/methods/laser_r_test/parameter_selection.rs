@@ -13,6 +13,7 @@ use machine::{Axis, Position, frame::Point};
 
 /// Number of poses with incommensurate angles. Errors that are separable at any poses are separable at these.
 const TEST_POSE_COUNT: usize = 24;
+/// Angle between two successive test poses, by rotary axis from the bed outwards.
 const TEST_POSE_STEPS_RAD: [f64; 3] = [2.399_963, 1.618_034, 0.754_877];
 /// Minimum fraction of a column that is independent of the other columns. Below it the column counts as a combination
 /// of the other columns.
@@ -23,7 +24,8 @@ const ERROR_COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B
 /// The errors to be identified.
 pub struct ParameterSelection {
     pub parameters: Vec<ErrorParameter>,
-    /// Candidates held at zero, because they are equivalent to errors that are already included.
+    /// Candidates held at zero, because they are equivalent to errors that are already included, to the zero point or
+    /// to the sphere.
     pub held_at_zero: Vec<ErrorParameter>,
     /// Descriptions of the combinations that include the held harmonics.
     pub gauge_lines: Vec<String>,
@@ -35,9 +37,10 @@ pub fn table_rotary_axes(chain: &KinematicChain) -> Vec<Axis> {
     axes.filter(|axis| !axis.is_linear()).collect()
 }
 
-/// Selects the machine errors: the user's `names`, or all location errors of the table's rotary axes that one sphere
-/// separates. Then adds the harmonics of the tilting axis of these `orders`, except those equivalent to errors already
-/// selected: first harmonics of B are partly equivalent to the location of the axis that B carries.
+/// Selects the machine errors: the user's `names`, all of which are kept, or all location errors of the table's
+/// rotary axes that one sphere separates. Then adds the harmonics of the tilting axis of these `orders`, except those
+/// equivalent to errors already selected: first harmonics of B are partly equivalent to the location of the axis that
+/// B carries.
 ///
 /// # Errors
 /// A name is invalid, belongs to an axis that the machine does not have, or is given twice.
@@ -99,7 +102,7 @@ fn parse_parameters(chain: &KinematicChain, names: &[String]) -> Result<Vec<Erro
     chain.parse_parameters(names).map_err(|why| MethodRefusal::new(why.to_string(), remedy))
 }
 
-/// Names of all unknowns except those of the beam.
+/// Names of the unknowns of the machine fit: errors, zero point, sphere; without those of beam and latency.
 pub fn unknown_names(parameters: &[ErrorParameter], ball: &str) -> Vec<String> {
     let positions = ["zero".to_owned(), format!("ball_{ball}")];
     let coordinates = positions.iter().flat_map(|name| ["x", "y", "z"].map(|axis| format!("{name}_{axis}")));

@@ -24,9 +24,9 @@ pub struct PoseGroup {
     pub label: String,
     /// Positions of all rotary axes.
     pub rotary: Position,
-    /// Matrix from X, Y, Z to the machine frame.
+    /// Matrix from X, Y, Z to the displacement of the spindle relative to the table, machine frame.
     pub machine_from_xyz: Matrix3<f64>,
-    /// Matrix from the machine frame to X, Y, Z.
+    /// Inverse of `machine_from_xyz`.
     pub xyz_from_machine: Matrix3<f64>,
     /// Rotation from the table frame to the machine frame.
     pub machine_from_table: Rotation3<f64>,
@@ -44,7 +44,7 @@ pub struct GroupedScans {
     pub max_heights_per_group: usize,
 }
 
-/// Standard deviation of one sample, mm.
+/// Standard deviation of one sample, mm: declared, or else observed; with continuous scans the larger of both.
 pub fn sample_std_dev_mm(setup: &LaserSetup<'_>, observed: &ObservedScans) -> f64 {
     let declared = setup.sensor.noise_um.map(|um| um * 1e-3);
     let observed_mm = observed.sample_scatter_mm();
@@ -58,7 +58,9 @@ pub fn sample_std_dev_mm(setup: &LaserSetup<'_>, observed: &ObservedScans) -> f6
 /// A group with its scans and their indices.
 type GroupWithScans<'a> = (PoseGroup, Vec<(usize, &'a MeasuredScan)>);
 
-/// Groups the scans by pose. Scans that do not determine a centre are removed and reported in `skipped_scans`.
+/// Groups the scans: those for the beam direction at one pose share a group, each other scan is a group of its own.
+/// Search and latency scans, and dwell scans beside continuous ones, are used only if there are no others. Scans that
+/// do not determine a centre are removed and reported in `skipped_scans`.
 ///
 /// # Errors
 /// No scan is left, or the linear axes do not span space.

@@ -14,7 +14,8 @@ const MIN_GAP_TO_MEDIAN_INTERVAL_RATIO: f64 = 5.0;
 /// same distance before the reversal is excluded too, otherwise the samples near turning points would have one
 /// direction only.
 const REVERSAL_EXCLUSION_DISTANCE_MM: f64 = 0.05;
-/// Fraction of the fastest speed below which a sample is excluded: the lost motion is uncertain at standstill.
+/// Fraction of the fastest speed of the scan below which a sample is excluded: the lost motion is uncertain at
+/// standstill.
 const STANDSTILL_SPEED_RATIO: f64 = 0.05;
 /// Largest error of interpolated positions, mm. Samples with a larger error, where the velocity changes too abruptly
 /// for the stamps, are not used.
@@ -26,8 +27,9 @@ const STANDSTILL_JITTER_MM: f64 = 2e-3;
 #[derive(Debug, Clone)]
 pub struct PositionHistory {
     stamp_times_s: Vec<f64>,
-    /// Positions X, Y, Z at the stamps, and their derivatives by time.
+    /// Positions X, Y, Z at the stamps, mm.
     stamp_xyz: Vec<Vector3<f64>>,
+    /// Derivatives of `stamp_xyz` by time, mm/s.
     stamp_velocities: Vec<Vector3<f64>>,
     /// For each stamp, whether positions between it and the next one can be interpolated.
     is_interval_interpolable: Vec<bool>,
@@ -45,8 +47,9 @@ pub struct PositionHistory {
 #[derive(Debug, Clone, Copy)]
 pub struct TimedSample {
     pub xyz: Vector3<f64>,
-    /// Velocity in mm/s, and sign of the last motion along each axis (0 before the first motion).
+    /// Velocity of X, Y, Z, mm/s.
     pub velocity: Vector3<f64>,
+    /// Sign of the last motion of each of X, Y, Z; 0 before the first motion.
     pub last_motion_sign: Vector3<f64>,
     pub reading_mm: f64,
     /// Time stamp of the reading, not corrected for the latency, s.
@@ -54,6 +57,7 @@ pub struct TimedSample {
 }
 
 impl PositionHistory {
+    /// Every reading gives a position; only those without a flag give a value.
     pub fn new(readings: &[&Reading]) -> Self {
         let mut sorted = readings.to_vec();
         sorted.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
@@ -90,8 +94,8 @@ impl PositionHistory {
         }
     }
 
-    /// Values with the axis positions for this latency. Values at reversals, at abrupt changes of velocity, and without
-    /// a nearby stamp are omitted.
+    /// Values with the axis positions for this latency. Values near reversals, at standstill, at abrupt changes of
+    /// velocity, and without a nearby stamp are omitted.
     pub fn timed_samples(&self, latency_s: f64) -> Vec<TimedSample> {
         let timed_sample = |&(stamp_s, reading_mm): &(f64, f64)| {
             let t_s = stamp_s - latency_s;

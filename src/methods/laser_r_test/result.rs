@@ -8,6 +8,7 @@ use super::sphere_model::MachineEquations;
 use crate::identification::Identification;
 use estimation::nonlinear_least_squares::NonlinearSolution;
 
+/// Inputs, both fits and uncertainties of an identification.
 pub struct IdentificationResult<'a> {
     pub setup: &'a LaserSetup<'a>,
     pub observed: ObservedScans,

@@ -80,7 +80,7 @@ fn longest_scan_side_mm(samples: &[TimedSample]) -> f64 {
     (most - least).max()
 }
 
-/// Sphere fitted to one scan alone, with the nominal beam.
+/// Sphere of the stated radius whose centre is fitted to one scan alone, with the nominal beam.
 pub struct FittedScanSphere {
     /// Matrix from X, Y, Z to the machine frame.
     machine_from_xyz: Matrix3<f64>,

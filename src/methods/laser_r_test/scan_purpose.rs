@@ -36,7 +36,7 @@ impl ScanPurpose {
     }
 }
 
-/// Text such as `B -90°, C 60°`.
+/// Text such as `B -90°, C 60°`, rounded to whole degrees, without the spindle.
 pub fn describe_rotary_position(at: &Position) -> String {
     format_rotary_position(at, " ", "°", ", ")
 }

@@ -14,13 +14,14 @@ use machine::{Axis, Position};
 /// Expected position of the sphere and the sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExpectedGeometry {
-    /// The sensor's zero point, spindle frame.
+    /// The sensor's zero point, spindle frame, mm.
     pub zero_point: Vector3<f64>,
-    /// Direction of the beam, spindle frame.
+    /// Direction of the beam, spindle frame; not a unit vector if measured.
     pub beam_direction: Vector3<f64>,
-    /// Centre of the sphere, table frame.
+    /// Centre of the sphere, table frame, mm.
     pub ball_centre: Vector3<f64>,
-    /// Largest possible distance of the sphere from its expected position, mm.
+    /// Largest possible distance of the sphere from its expected position, mm; 0 until the purpose of the stage is
+    /// known.
     pub max_position_error_mm: f64,
 }
 
@@ -29,9 +30,9 @@ pub struct ExpectedGeometry {
 pub enum ScanMotion {
     /// Dwell points with a stop at each.
     Dwell,
-    /// Continuous motion at the first feed.
+    /// Continuous motion at `feed_mm_min`.
     SlowContinuous,
-    /// Continuous motion at the second feed.
+    /// Continuous motion at `fast_feed_mm_min`.
     FastContinuous,
 }
 
@@ -140,6 +141,7 @@ fn check_sensor_range(
     )
 }
 
+/// Dwell points of both lines, or corner points of the continuous path.
 fn scan_path(
     setup: &LaserSetup<'_>,
     geometry: &ExpectedGeometry,

@@ -30,7 +30,7 @@ pub enum SamplingMode {
 #[serde(deny_unknown_fields, default)]
 pub struct LaserRTestSettings {
     pub by: MeasuringDevice,
-    /// Name of the sensor. Empty: the first one of the machine file.
+    /// Name of the sensor. Empty: the first one in the spindle.
     pub sensor: String,
     /// Id of the sphere. Empty: the first one of the artefact.
     pub ball: String,
@@ -39,9 +39,11 @@ pub struct LaserRTestSettings {
     pub parameters: Vec<String>,
     /// Orders of the harmonics of the tilting axis' error motions to be identified as well, e.g. `[2]`.
     pub harmonics: Vec<u32>,
-    /// Commanded positions of the rotary axis that tilts the table and of the one that turns it. Empty: -90 to 90
-    /// in steps of 30 and 0 to 300 in steps of 60, limited to the axes' limits.
+    /// Commanded positions of the rotary axis that tilts the table. Empty: -90 to 90 in steps of 30, limited to the
+    /// axis' limits.
     pub tilt_deg: Vec<f64>,
+    /// Commanded positions of the rotary axis that turns the table. Empty: 0 to 300 in steps of 60, limited to the
+    /// axis' limits.
     pub turn_deg: Vec<f64>,
     /// Readings at the sphere's pole for the measurement of the beam's direction, three or more. Empty: the middle
     /// of the sensor's range and 0.7 of half the range to either side.
@@ -105,8 +107,9 @@ const MIN_FEED_RATIO: f64 = 1.5;
 /// Readings at the pole that differ by at most this distance count as one height, mm.
 pub const SAME_HEIGHT_TOLERANCE_MM: f64 = 0.5;
 
-/// Upper bounds that detect a wrong digit or unit in the machine file.
+/// Upper bound of `samples`, which detects a wrong digit in the machine file.
 const MAX_SAMPLES_PER_POINT: u32 = 10_000;
+/// Upper bound of `dwell_s`, which detects a wrong digit or unit in the machine file.
 const MAX_DWELL_S: f64 = 60.0;
 /// Highest harmonic order. No set of poses determines higher ones.
 const MAX_HARMONIC_ORDER: u32 = 36;

@@ -44,6 +44,7 @@ impl<'a> LaserSetup<'a> {
         Ok(Self { plan, settings, chain, sensor, balls, ball })
     }
 
+    /// Stated zero point of the sensor, spindle frame, mm.
     pub fn zero_point(&self) -> Vector3<f64> {
         Vector3::from(self.sensor.zero_mm)
     }
@@ -53,6 +54,7 @@ impl<'a> LaserSetup<'a> {
         unit_vector(Vector3::from(self.sensor.direction)).unwrap_or_default()
     }
 
+    /// Stated centre of the sphere, table frame, mm.
     pub fn ball_centre(&self) -> Vector3<f64> {
         Vector3::from(self.ball.centre_mm)
     }
@@ -163,7 +165,7 @@ fn find_ball<'a>(plan: &'a Plan, settings: &LaserRTestSettings) -> Result<(&'a B
     Ok((balls, ball.ok_or_else(|| refusal(&format!("the artefact has no sphere `{id}`")))?))
 }
 
-/// The stylus as a sensor whose reading is always zero.
+/// The stylus as a sensor whose reading is always zero; its noise is the declared repeatability of a touch.
 fn stylus_as_sensor(plan: &Plan) -> Sensor {
     Sensor {
         name: "probe".to_owned(),

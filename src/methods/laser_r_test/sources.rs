@@ -26,11 +26,12 @@ struct ScanPointGeometry<'a> {
     /// Outward normal of the sphere at each dwell point, machine frame.
     normals: Vec<Vector3<f64>>,
     /// Derivative of the distance from the sphere's centre by the reading, at each dwell point: −cos of the incidence
-    /// angle.
+    /// angle; −1 for a touch.
     distance_derivative_by_reading: Vec<f64>,
 }
 
-/// All sources. `first_latency_unknown`: index of the first latency unknown among all unknowns.
+/// All sources with an effect. `x`: unknowns of the centre fit. `first_latency_unknown`: index of the first latency
+/// unknown among the unknowns of the combined fit.
 pub fn uncertainty_sources(
     setup: &LaserSetup<'_>,
     observed: &ObservedScans,
@@ -188,7 +189,7 @@ impl ScanPointGeometry<'_> {
         rows.map(|(row, n)| n.dot(&shifts[row.group_index])).collect()
     }
 
-    /// Drift of the table relative to the spindle at the declared rate, zero at the middle of the run.
+    /// Drift of the table relative to the spindle at the declared rate, zero at the mean time of the points.
     fn drift_source(&self) -> UncertaintySource {
         let rate = declared_sources::drift_rate_sd_mm_per_s(self.setup.plan);
         let sample_means = &self.grouped.sample_means;
@@ -197,8 +198,8 @@ impl ScanPointGeometry<'_> {
         UncertaintySource::new("thermal drift", ObservationEffect::Joint((0..3).map(along).collect()))
     }
 
-    /// Shift between the points before and after an interruption, up to the limit of the reference check. The whole
-    /// limit counts as standard uncertainty, as the distribution is unknown.
+    /// Shift between the points before and after an interruption, by which the sphere may move before a reference
+    /// exceeds its limit. The whole shift counts as standard uncertainty, as the distribution is unknown.
     fn interruption_source(&self, interruptions: &[Interruption]) -> UncertaintySource {
         let columns = interruptions.iter().flat_map(|interruption| {
             [0, 1, 2].map(|k| {

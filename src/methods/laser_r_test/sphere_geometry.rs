@@ -21,8 +21,8 @@ pub fn nominal_geometry(setup: &LaserSetup<'_>) -> ExpectedGeometry {
     ExpectedGeometry { zero_point, beam_direction, ball_centre, max_position_error_mm: 0.0 }
 }
 
-/// Positions of sphere, zero point and beam by the nominal machine, as far as the readings up to now determine
-/// them.
+/// Positions of sphere, zero point and beam by the nominal machine, as far as the readings up to now determine them;
+/// those of the plan without readings.
 ///
 /// # Errors
 /// The sphere is not found in the readings.
@@ -59,7 +59,8 @@ pub fn measured_geometry(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result
     Ok(geometry)
 }
 
-/// Checks that the sphere is not farther from its stated position than the stated uncertainty allows.
+/// Checks that the deviations of sphere and zero point from their stated positions add up to at most twice the stated
+/// uncertainty of the sphere plus [`MAX_ZERO_POINT_ERROR_MM`].
 fn check_sphere_position(setup: &LaserSetup<'_>, geometry: &ExpectedGeometry) -> Result<(), MethodRefusal> {
     let offset_mm =
         (geometry.ball_centre - setup.ball_centre()).norm() + (geometry.zero_point - setup.zero_point()).norm();

@@ -36,11 +36,13 @@ impl SphereModel {
         pairs.map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value }).collect()
     }
 
+    /// Zero point in `x`, spindle frame, mm.
     pub fn zero_point(&self, x: &[f64]) -> Vector3<f64> {
         let first = self.parameters.len();
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
+    /// Centre of the sphere in `x`, table frame, mm.
     pub fn ball_centre(&self, x: &[f64]) -> Vector3<f64> {
         let first = self.parameters.len() + 3;
         Vector3::from_column_slice(&x[first..first + 3])

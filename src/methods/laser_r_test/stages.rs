@@ -25,8 +25,8 @@ pub struct StageRequest {
     pub scans: Vec<ScanRequest>,
 }
 
-/// Lists all stages: search, latency (continuous scans only), beam direction, zero position from the circles of the
-/// axes, all other poses.
+/// Lists all stages: search, latency (continuous scans only), beam direction (sensor only), first reference, zero
+/// position from the circles of the axes, all other poses, last reference.
 ///
 /// # Errors
 /// A position is outside the axis limits, or the poses do not separate the errors.
@@ -186,6 +186,7 @@ fn relabelled_first_reference(setup: &LaserSetup<'_>, request: &ScanRequest) -> 
     first.map(relabelled).collect()
 }
 
+/// The artefact with the sphere at its expected position. The uncertainty is reduced only if there is no other ball.
 fn located_artefact(setup: &LaserSetup<'_>, geometry: &ExpectedGeometry) -> Artefact {
     let moved = |ball: &Ball| match ball.id == setup.ball.id {
         true => Ball { centre_mm: geometry.ball_centre.into(), ..ball.clone() },

@@ -30,14 +30,15 @@ pub fn build_estimate(run: &EvaluatedRun) -> Estimate {
     }
 }
 
+/// Standard deviation of a touch at one feed, with the standard uncertainty of the standard deviation.
 fn scatter_parameter(feed_mm_min: f64, FeedScatter { std_dev_mm, dof }: FeedScatter) -> Parameter {
     // Standard uncertainty of a standard deviation: GUM E.4.3.
     let u_mm = std_dev_mm / (2.0 * dof).sqrt();
     parameter_without_budget(&format!("s_{feed_mm_min}"), Unit::Um, std_dev_mm, u_mm, Some(dof))
 }
 
-/// Parameter of the duration of a PLC scan. If no scan is detected, its value is 0 with the longest undetectable scan
-/// as its bound.
+/// Parameter of the duration of a PLC scan. If no scan is detected, its value is 0, not identifiable, and its U is
+/// the longest undetected scan, or, for excess scatter, the scan that would cause this scatter.
 fn plc_scan_parameter(scan: &PlcScanTest) -> Parameter {
     let max_duration_s = match scan.latch_diagnosis {
         LatchDiagnosis::PlcScan(PlcScanTime { duration_s, u_s, dof }) => {

@@ -7,11 +7,13 @@ use crate::IdentifyError;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
+/// Touches of a run, the fitted delay, and the test for a PLC scan.
 pub struct EvaluatedRun {
     pub observed: ObservedTouches,
     pub fitted: FittedDelay,
     pub plc_scan_test: PlcScanTest,
-    /// Declared scatter of a touch including the display resolution, mm; `None`: no scatter is declared.
+    /// Declared standard deviation of a touch including the display resolution, mm; `None`: no repeatability is
+    /// declared.
     pub declared_scatter_mm: Option<f64>,
 }
 

@@ -28,12 +28,12 @@ pub struct TouchFeeds {
 }
 
 impl TouchFeeds {
-    /// Chooses the feeds. `length_mm`: length of a touch for a given `margin_mm`.
+    /// Chooses the feeds. Without a fast feed in the settings, the search feed is lowered until the touch fits in the
+    /// overtravel; a stated fast feed is not lowered. `length_mm`: length of a touch for a given `margin_mm`.
     ///
     /// # Errors
     /// The feeds are too close to each other, the fast feed exceeds the rapid rate of an axis, or the touch would be
-    /// longer than the
-    /// overtravel.
+    /// longer than the overtravel.
     pub fn from_settings(
         machine: &Machine,
         probe: &Probe,

@@ -22,22 +22,26 @@ const INSEPARABLE_UNKNOWNS_TEXT: &str = "delay and drift (alternate the two feed
 /// Scatter of the touches at one feed.
 #[derive(Debug, Clone, Copy)]
 pub struct FeedScatter {
-    /// Standard deviation of one touch, mm, at least that of the display resolution.
+    /// Experimental standard deviation of one touch about the fit, mm; at least resolution/√12.
     pub std_dev_mm: f64,
+    /// Sum of 1 − h over the touches at this feed, with h the diagonal of the hat matrix; not an integer.
     pub dof: f64,
 }
 
+/// Fit of the contact distance: position of the segment + delay · speed + drift · time. A segment is the time between
+/// two interruptions.
 pub struct FittedDelay {
     pub identification: Identification,
-    /// Latch delay, s.
+    /// Latch delay, s, positive if the latch is late.
     pub delay_s: f64,
     /// Uncertainty of the delay, s.
     pub delay_uncertainty: Uncertainty,
     /// Scatter at the slow and at the fast feed.
     pub scatter_by_feed: [FeedScatter; 2],
-    /// Drift, mm/s, positive towards the part.
+    /// Drift of the contact distance, mm/s, positive farther along the touch. Per touch instead of per second if the
+    /// readings have no times.
     pub drift_mm_s: f64,
-    /// Position of each touch minus the fitted position without delay, mm.
+    /// Contact distance of each touch minus fitted position and drift, mm: delay · speed + residual.
     pub overtravel_of_touches_mm: Vec<f64>,
 }
 
@@ -82,7 +86,7 @@ pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyErro
     })
 }
 
-/// Iterates weights from the scatter and scatter from the residuals.
+/// Iterates weights from the scatter and scatter from the residuals, from equal weights on.
 fn iterate_weights(
     observed: &ObservedTouches,
     a: &Mat<f64>,
@@ -144,7 +148,7 @@ fn uncertainty_sources(
         .map(|source| UncertaintySource { residual_treatment: ResidualTreatment::ExcludedFromChi2, ..source })
 }
 
-/// Middle and half of the time span of the touches, s.
+/// Middle and half of the time span of the touches, s. The half span is 1 if all times are equal.
 fn time_middle_and_half_span_s(touches: &[ObservedTouch]) -> [f64; 2] {
     let times = || touches.iter().map(|touch| touch.time_in_run_s_or_order);
     let first = times().fold(f64::INFINITY, f64::min);
@@ -152,7 +156,8 @@ fn time_middle_and_half_span_s(touches: &[ObservedTouch]) -> [f64; 2] {
     [(first + last) / 2.0, if last > first { (last - first) / 2.0 } else { 1.0 }]
 }
 
-/// Scatter at one feed: sum of its squared residuals over the sum of 1 − h, with h the diagonal of the hat matrix.
+/// Standard deviation (at least `min_std_dev_mm`) and degrees of freedom at one feed. Degrees of freedom: sum of 1 −
+/// h, with h the diagonal of the hat matrix. Variance: sum of the squared residuals over the degrees of freedom.
 fn scatter_at_feed(
     touches: &[ObservedTouch],
     a: &Mat<f64>,

@@ -36,6 +36,8 @@ pub struct LatchDelay {
 }
 
 impl LatchDelay {
+    /// Measuring feed and fast feed, and the distances that a fast touch needs for the position uncertainty of the
+    /// part.
     fn choose_feeds(&self, plan: &Plan) -> Result<TouchFeeds, MethodRefusal> {
         let uncertainty = max_misplacement_mm(&plan.artefact);
         let length = |margin_mm| touch_path::touch_length_mm(uncertainty, margin_mm);
@@ -98,18 +100,19 @@ impl Method for LatchDelay {
 #[derive(Debug, Clone, PartialEq)]
 pub struct LatchDelayResult {
     pub latch_diagnosis: LatchDiagnosis,
+    /// Text for the operator: control or PLC scan, scatter at both feeds, F test.
     pub latch_text: String,
     /// Latch delay, s, positive if late.
     pub delay_s: f64,
-    /// Description of a delay that exceeds its uncertainty. `None` for a smaller delay.
+    /// Text on a delay, late or early, that exceeds its expanded uncertainty U. `None` for a smaller delay.
     pub significant_delay_text: Option<String>,
     /// Description of slow touches that scatter more than explained. `None`: the scatter is explained, or no scatter is
     /// declared.
     pub excess_scatter_text: Option<String>,
-    /// Standard deviation of a slow touch, mm.
+    /// Experimental standard deviation of one slow touch, mm.
     pub slow_touch_std_dev_mm: f64,
-    /// Largest standard deviation of the slow touches that the declared scatter and a PLC scan explain, mm. `None`: no
-    /// scatter is declared.
+    /// Upper χ² bound of the experimental standard deviation of slow touches, mm, for the declared scatter and a
+    /// detected PLC scan. `None`: no scatter is declared.
     pub max_explained_slow_touch_std_dev_mm: Option<f64>,
 }
 

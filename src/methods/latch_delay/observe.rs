@@ -10,18 +10,19 @@ use machine::{Axis, Position};
 
 /// Minimum number of measured touches at one feed. Fewer have no usable scatter and are refused.
 const MIN_MEASURED_TOUCHES_PER_FEED: usize = 3;
-/// Largest difference of an axis between starts of touches that count as the same, mm.
-const SAME_START_TOLERANCE_MM: f64 = 1e-3;
+/// Largest difference of an axis between starts of touches that count as the same, mm; for a rotary axis the same
+/// number in rad.
+const SAME_START_TOLERANCE_MM_OR_RAD: f64 = 1e-3;
 
 /// One touch.
 #[derive(Debug, Clone, Copy)]
 pub struct ObservedTouch {
-    /// Distance from the start towards contact, mm.
+    /// Distance along the touch from its start to the latched position, mm.
     pub contact_distance_mm: f64,
     /// Index of the feed: 0 slow, 1 fast.
     pub feed_index: usize,
-    /// Time of the touch on the clock of the run, s. If the readings have no times, the number of the touch in their
-    /// order.
+    /// Time of the touch on the clock of the run, s. If all readings have the same time, the number of the touch in
+    /// the order of plan and repeats.
     pub time_in_run_s_or_order: f64,
     /// Number of interruptions before the touch.
     pub earlier_interruption_count: usize,
@@ -33,9 +34,9 @@ pub struct ObservedTouches {
     pub feeds_mm_min: [f64; 2],
     /// Resolution of the displayed position along the touch, mm.
     pub resolution_mm: f64,
-    /// Mean distance from the start of the touches to contact, mm.
+    /// Mean of the contact distances at both feeds, mm. The fit subtracts this mean.
     pub mean_contact_distance_mm: f64,
-    /// Whether the readings have times. If not, their order is used.
+    /// Whether the readings have different times. If not, their order is used.
     pub has_times: bool,
 }
 
@@ -46,14 +47,15 @@ impl ObservedTouches {
     }
 }
 
-/// Unit vector from the start of a touch towards its end, and length in mm. Both are zero for a touch without
-/// length.
+/// Unit vector in X, Y and Z of the machine from the start of a touch to its end, and length in mm. Both are zero for
+/// a touch without length.
 fn touch_direction_and_length(step: &Step) -> ([f64; 3], f64) {
     let displacement = Axis::LINEAR.map(|axis| step.to.get_or_zero(axis) - step.from.get_or_zero(axis));
     let length = displacement.iter().map(|part| part * part).sum::<f64>().sqrt();
     (displacement.map(|part| if length > 0.0 { part / length } else { 0.0 }), length)
 }
 
+/// Distance of `position` from the start of the touch, along the touch, mm. `None`: X, Y or Z is missing.
 fn distance_along_touch(step: &Step, position: &Position) -> Option<f64> {
     let mut sum = 0.0;
     for (axis, part) in Axis::LINEAR.into_iter().zip(touch_direction_and_length(step).0) {
@@ -105,7 +107,7 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
     let (mut touches, mut orders): (Vec<ObservedTouch>, Vec<f64>) = (Vec::new(), Vec::new());
     for (index, step) in steps.iter().enumerate() {
         let is_elsewhere =
-            |(axis, value): (Axis, f64)| (first.from.get_or_zero(axis) - value).abs() > SAME_START_TOLERANCE_MM;
+            |(axis, value): (Axis, f64)| (first.from.get_or_zero(axis) - value).abs() > SAME_START_TOLERANCE_MM_OR_RAD;
         if step.from.iter().any(is_elsewhere) {
             let reason = format!("{} and {} start at different positions", step.label, first.label);
             return Err(incomplete_run_error(reason));
@@ -144,7 +146,7 @@ fn slow_and_fast_feed(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     }
 }
 
-/// Distance from the start of a touch to the latched position, mm.
+/// Distance from the start of a touch to the latched position, mm. Error: the axes were not at full feed at contact.
 fn contact_distance_at_full_feed(plan: &Plan, step: &Step, reading: &Reading) -> Result<f64, IdentifyError> {
     let (label, length) = (&step.label, touch_direction_and_length(step).1);
     let at = distance_along_touch(step, &reading.position).filter(|at| at.is_finite() && reading.t_s.is_finite());

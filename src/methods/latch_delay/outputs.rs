@@ -6,7 +6,8 @@ use machine::record::estimate::{FunctionFigureKind, Unit};
 
 /// Symbol of the latch delay of a contact.
 const DELAY_SYMBOL: &str = "t_latch";
-/// Symbol of the overtravel: distance along a touch at the measuring feed that the delay causes.
+/// Symbol of the overtravel that the delay causes along a touch: a parameter at the measuring feed, and a curve over
+/// the feed.
 const LATCH_OVERTRAVEL_SYMBOL: &str = "E_latch";
 
 /// Outputs of the solution `x`. `delay_slope`: derivative of the delay by the unknowns.

@@ -34,7 +34,7 @@ impl PlcScanTime {
         coverage_factor(self.dof) * self.u_s
     }
 
-    /// Upper bound of the scan duration, s.
+    /// Scan duration plus its expanded uncertainty, s.
     pub fn upper_bound_s(&self) -> f64 {
         self.duration_s + self.expanded_uncertainty_s()
     }
@@ -43,9 +43,10 @@ impl PlcScanTime {
 /// Result of the F test for a scan.
 pub struct PlcScanTest {
     pub latch_diagnosis: LatchDiagnosis,
-    /// Variance at the fast feed divided by the variance at the slow feed, and the limit of this ratio. Without a PLC
-    /// scan, the ratio exceeds the limit with probability [`SIGNIFICANCE_LEVEL`].
+    /// Variance at the fast feed divided by the variance at the slow feed.
     pub fast_to_slow_variance_ratio: f64,
+    /// Upper limit of the ratio. Without a PLC scan, the ratio exceeds the limit with probability
+    /// [`SIGNIFICANCE_LEVEL`].
     pub variance_ratio_limit: f64,
 }
 
@@ -74,8 +75,9 @@ pub fn test_for_plc_scan(observed: &ObservedTouches, fitted: &FittedDelay) -> Pl
     PlcScanTest { latch_diagnosis, fast_to_slow_variance_ratio, variance_ratio_limit }
 }
 
-/// T from s₂² − s₁² = (v₂² − v₁²)·T²/12. The variance of n touches has the variance μ₄/n − σ⁴(n − 3)/(n(n − 1)).
-/// For a rectangular part A and a normal part B, μ₄ is 1.8 A² + 6 AB + 3 B².
+/// Scan duration T from s₂² − s₁² = (v₂² − v₁²)·T²/12, with index 1 for the slow feed. The variance of n touches has
+/// the variance μ₄/n − σ⁴(n − 3)/(n(n − 1)). For a rectangular part A and a normal part B, μ₄ is 1.8 A² + 6 AB + 3
+/// B².
 fn plc_scan_time(speeds: [f64; 2], slow: FeedScatter, fast: FeedScatter) -> PlcScanTime {
     let span = speeds[1].powi(2) - speeds[0].powi(2);
     let more = fast.std_dev_mm.powi(2) - slow.std_dev_mm.powi(2);
@@ -92,8 +94,8 @@ fn plc_scan_time(speeds: [f64; 2], slow: FeedScatter, fast: FeedScatter) -> PlcS
     PlcScanTime { duration_s: t_s, u_s, dof: 2.0 * more * more / variance }
 }
 
-/// Longest scan duration that is compatible with the scatter and with the mean delay. The mean delay is at least half
-/// of the scan duration.
+/// Longest scan duration that is compatible with the scatter and with the mean delay plus its U, s. The mean delay is
+/// at least half of the scan duration.
 fn max_undetected_plc_scan_s(speeds: [f64; 2], fitted: &FittedDelay, variance_ratio: f64) -> f64 {
     let [slow, fast] = fitted.scatter_by_feed;
     let widest_ratio = variance_ratio_bound(1.0 - SIGNIFICANCE_LEVEL, slow.dof, fast.dof).unwrap_or(f64::INFINITY);

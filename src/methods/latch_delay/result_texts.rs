@@ -6,12 +6,12 @@ use super::observe::ObservedTouches;
 use super::plc_scan_test::{LatchDiagnosis, PlcScanTest, PlcScanTime, SIGNIFICANCE_LEVEL};
 use estimation::coverage::chi_square_bounds;
 
-/// Probability that the observed scatter lies within its bounds if the declared scatter is true. Scatter outside the
-/// bounds contradicts the declared scatter.
+/// Probability that the observed scatter of the slow touches lies within its two-sided bounds if the declared scatter
+/// is true. Only scatter above the upper bound is reported.
 const SCATTER_BOUNDS_PROBABILITY: f64 = 0.998;
 
-/// Largest standard deviation of the slow touches that the declared scatter and a PLC scan explain, mm. `None`: no
-/// scatter is declared.
+/// Upper χ² bound of the experimental standard deviation of slow touches, mm, for the declared scatter and, if one is
+/// detected, the longest PLC scan within its uncertainty. `None`: no scatter is declared.
 pub fn max_explained_slow_touch_std_dev_mm(run: &EvaluatedRun) -> Option<f64> {
     let [slow, _] = run.fitted.scatter_by_feed;
     let declared_mm = run.declared_scatter_mm?;
@@ -57,7 +57,7 @@ pub fn describe_latch(run: &EvaluatedRun) -> String {
     }
 }
 
-/// Text on a delay that exceeds its uncertainty. `None` for a smaller delay.
+/// Text on a delay, late or early, that exceeds its expanded uncertainty U. `None` for a smaller delay.
 pub fn describe_significant_delay(EvaluatedRun { observed, fitted, .. }: &EvaluatedRun) -> Option<String> {
     let [slow, _] = observed.feeds_mm_min;
     let (delay_ms, expanded_ms) = (fitted.delay_s * 1e3, fitted.delay_uncertainty.expanded() * 1e3);

@@ -11,10 +11,11 @@ pub struct LatchDelaySettings {
     /// overtravel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fast_feed_mm_min: Option<f64>,
-    /// Number of touches at each feed.
+    /// Number of touches at each feed, without the search touch.
     pub touches: u32,
-    /// Azimuth of the probe position at the artefact, seen from above, from X towards Y. Absent: for a round part
-    /// the first of 0°, 90°, 180° and 270° that the axes reach, for a ball from above.
+    /// Azimuth of the probe position at the artefact, seen from above, from X towards Y, with the table at zero. For
+    /// a ball, the candidate touch nearest to this direction is used. Absent: for a round part the first of 0°, 90°,
+    /// 180° and 270° that the axes reach, for a ball from above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub direction_deg: Option<f64>,
 }

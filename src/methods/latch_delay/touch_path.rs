@@ -31,18 +31,23 @@ const CANDIDATE_TOUCHES_PER_BALL: usize = 5;
 /// Start, end and normal of a touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TouchEndsAndNormal {
+    /// Axis positions at the start, before the first possible contact.
     pub from: Position,
+    /// Axis positions at the end, beyond the last possible contact.
     pub to: Position,
+    /// Outward unit normal of the surface at the contact, machine frame.
     pub normal: [f64; 3],
 }
 
-/// Length of a touch, mm, for a part whose position is uncertain by `uncertainty_mm` and a feed that needs
-/// `margin_mm`.
+/// Length of a touch, mm, for a part whose position is uncertain by ±`uncertainty_mm` and a feed that needs
+/// `margin_mm` before the first and beyond the last possible contact.
 pub fn touch_length_mm(uncertainty_mm: f64, margin_mm: f64) -> f64 {
     2.0 * (uncertainty_mm + margin_mm) + STANDOFF_MM + OVERRUN_MM
 }
 
 impl TouchEndsAndNormal {
+    /// Touch of the flank of a cylinder, or of the first accessible ball.
+    ///
     /// # Errors
     /// The axes reach no position, or none is free of collision.
     pub fn from_plan(plan: &Plan, settings: &LatchDelaySettings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
@@ -84,12 +89,14 @@ impl TouchEndsAndNormal {
     }
 }
 
+/// Unit vector in the XY plane at this angle from X towards Y.
 fn horizontal_direction(degrees: f64) -> Vector3<f64> {
     let (sin, cos) = degrees.to_radians().sin_cos();
     Vector3::new(cos, sin, 0.0)
 }
 
-/// Touch of a cylinder at half the height of its flank.
+/// Touch of an upright cylinder at half the height of its flank, from `direction_deg` or the first of four directions
+/// that is within the travel.
 fn flank_touch(
     plan: &Plan,
     settings: &LatchDelaySettings,
@@ -124,6 +131,7 @@ fn flank_touch(
     ))
 }
 
+/// `towards`: horizontal direction from the part to the probe, machine frame. The travel limits are not checked.
 fn flank_touch_from_direction(
     plan: &Plan,
     part: &Cylinder,
@@ -151,6 +159,7 @@ fn flank_touch_from_direction(
     })
 }
 
+/// First linear axis whose travel does not contain both ends of the touch. `None`: all contain them.
 fn axis_out_of_travel(plan: &Plan, path: &TouchEndsAndNormal) -> Option<Axis> {
     let ends = path.from.iter().chain(path.to.iter());
     let is_outside = |(axis, value): &(Axis, f64)| {

@@ -13,7 +13,7 @@ use crate::identification::parameter_without_budget;
 /// standard uncertainty.
 const MAX_REPORTED_TO_DECLARED_U_RATIO: f64 = 0.9;
 
-/// Determines gains and angles of the sensors.
+/// Determines the deviations of gains and angles from the declared values: gains of all channels, then angles.
 ///
 /// # Errors
 /// The rows do not separate eccentricity and motion.
@@ -35,6 +35,7 @@ pub fn calibrate_layout_sensors(
     calibration.map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))
 }
 
+/// Divides the values of each row by 1 + gain deviation of its channel.
 pub fn correct_row_gains(calibration: &SensorCalibration, rows: &mut [ChannelRevolutions]) {
     for row in rows {
         let gain = 1.0 + calibration.gain_then_angle_deviations[row.key.channel_index];
@@ -42,13 +43,14 @@ pub fn correct_row_gains(calibration: &SensorCalibration, rows: &mut [ChannelRev
     }
 }
 
+/// Adds the angle deviation of each sensor to its declared angle.
 pub fn correct_channel_angles(calibration: &SensorCalibration, layout: &mut ProbeLayout) {
     let angles = &calibration.gain_then_angle_deviations[layout.channels.len()..];
     layout.channels.iter_mut().zip(angles).for_each(|(channel, by)| channel.angle_rad += by);
 }
 
-/// Gain and angle deviations of the sensors whose standard uncertainty from the measurement is clearly below the declared
-/// one (`u_gain`, `u_sensor_angle_deg`).
+/// Deviations of gain and angle from the declared values, for the sensors whose standard uncertainty from the
+/// measurement is clearly below the declared one (`u_gain`, `u_sensor_angle_deg`).
 pub fn calibration_parameters(
     calibration: &SensorCalibration,
     layout: &ProbeLayout,

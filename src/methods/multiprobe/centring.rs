@@ -9,7 +9,7 @@ use faer::c64;
 use machine::record::reading::Reading;
 use machine::record::watched_sensors::{CrossSectionPoint, WatchedSensor};
 
-/// Number of stops in the revolution.
+/// Number of different stop angles in the revolution. The turn ends with a further stop at the angle of the first.
 pub const CENTRING_STOP_COUNT: usize = 12;
 
 /// Result of the last round of centring.
@@ -17,7 +17,8 @@ pub struct CentringResult {
     /// Positions of the sections relative to the table's axis along X and Y, with the table at its angle after the
     /// round, mm.
     section_offsets_mm: Vec<[f64; 2]>,
-    /// Last distance of each sensor, with the table at its angle after the round, mm.
+    /// Last distance of each sensor, with the table at its angle after the round, mm. `None`: the sensor has no
+    /// distance.
     last_readings_mm: Vec<Option<f64>>,
 }
 
@@ -36,13 +37,14 @@ impl CentringResult {
         })
     }
 
+    /// Whether the eccentricity of each section is at most `eccentricity_limit_um`.
     pub fn is_within_limit(&self, setup: &MultiprobeSetup<'_>) -> bool {
         let limit_mm = setup.settings.eccentricity_limit_um * 1e-3;
         self.section_offsets_mm.iter().all(|[x, y]| x.hypot(*y) <= limit_mm)
     }
 
-    /// Sensors to display. Centring increases a radial value by the component of the eccentricity towards the
-    /// sensor.
+    /// Sensors to display. A radial sensor has a target: its value when the section is centred. Centring increases
+    /// this value by the component of the eccentricity towards the sensor.
     pub fn watched_sensors(&self, setup: &MultiprobeSetup<'_>) -> Vec<WatchedSensor> {
         let channels = setup.layout.channels.iter().zip(&self.last_readings_mm);
         let watched = channels.map(|(channel, last_mm)| {

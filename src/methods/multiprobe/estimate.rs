@@ -24,6 +24,7 @@ use machine::record::reading::Reading;
 const MONTE_CARLO_SEED: u64 = 0x6d75_6c74;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_U_DIGITS: u32 = 1;
+/// Maximum number of trials of the adaptive rule (`monte_carlo_trials` = 0).
 const MAX_MONTE_CARLO_TRIALS: usize = 20_000;
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
@@ -107,6 +108,7 @@ fn describe_aliased_harmonics(positions: usize) -> String {
     )
 }
 
+/// Harmonics of the rows after removal of a drift that is linear in time, up to the setting `harmonics`.
 fn harmonic_data(settings: &MultiprobeSettings, rows: &[ChannelRevolutions]) -> Result<HarmonicData, RevolutionsError> {
     let directions = if settings.both_directions { 2 } else { 1 };
     let without_drift = |row: &ChannelRevolutions| row.without_linear_drift(row.revolutions.len() / directions);
@@ -145,7 +147,8 @@ fn noise_gain_functions(setup: &MultiprobeSetup<'_>) -> Vec<EstimatedFunction> {
     separations.into_iter().filter_map(function).collect()
 }
 
-/// Mean of each revolution of each sensor, minus the mean of the sensor over that mounting, in the order of time.
+/// One function per sensor: mean of each revolution minus the mean of the sensor over that mounting, in the order of
+/// time.
 fn sensor_stability_functions(setup: &MultiprobeSetup<'_>, rows: &[ChannelRevolutions]) -> Vec<EstimatedFunction> {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
     let of_row = |row: &ChannelRevolutions| {
@@ -179,7 +182,8 @@ fn estimate_warnings(
     lines
 }
 
-/// Checks the mountings by the form of the artefact and removes the rows of a single wrong mounting. Returns a warning.
+/// Checks the mountings by the form of the artefact, and removes the rows of a single wrong mounting. Returns a
+/// warning: mounting removed, not verifiable or contradictory. Any other fault is an error.
 fn check_and_remove_wrong_mounting(
     setup: &MultiprobeSetup<'_>,
     sizes: &SourceSizes<'_>,

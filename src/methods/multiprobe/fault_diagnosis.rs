@@ -12,9 +12,10 @@ use crate::IdentifyError;
 
 /// A correction is accepted if it reduces χ² to less than this fraction of the uncorrected value.
 const MAX_CORRECTED_CHI2_RATIO: f64 = 0.1;
-/// Probability that χ² of a correct layout is below the bound.
+/// Probability that χ² of a correct layout is within its two-sided bounds. Only the upper bound is used.
 const CHI2_BOUNDS_PROBABILITY: f64 = 0.998;
-/// The index angles count as verifiable if a wrong index angle would increase χ² by more than this value.
+/// The index angles count as verifiable if a shift of any index by 360° divided by the number of mountings would
+/// increase χ² by more than this value times the expected χ² per degree of freedom (at least 1).
 const VERIFIABLE_INDEX_CHI2_INCREASE: f64 = 25.0;
 /// Step of the second search for the index offset, near the best offset of the first search. The first search uses
 /// steps of a quarter of the period of the highest harmonic.
@@ -25,6 +26,8 @@ const FINE_INDEX_OFFSET_STEP_DEG: f64 = 0.1;
 pub enum LayoutFault {
     #[error("channels {0} and {1} are swapped: exchange their plugs or their names")]
     SwappedChannels(String, String),
+    /// The artefact was mounted at its planned angle plus `offset_deg` (counter-clockwise seen from +Z) at the
+    /// mounting `first_index`, from 0; also at all later ones if `affects_later_mountings`.
     #[error(
         "the artefact was mounted {offset_deg:.1}° from its planned angle at mounting {}{}; correct \
          turn_deg, or measure {} again",
@@ -46,16 +49,17 @@ pub enum LayoutFault {
 /// Result of the check of the layout against the data.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LayoutCheck {
+    /// No fault was found. A single mounting without an explained fault is also confirmed, even if χ² is implausible.
     Confirmed,
-    /// The artefact is too round: a wrong index would not be detected.
+    /// χ² is plausible, but the artefact is too round: a wrong index would not be detected.
     NotVerifiable,
     Faulty(LayoutFault),
     /// The mountings differ by more than declared, and no wrong index explains the difference.
     Contradictory,
 }
 
-/// Whether χ² is plausible. `expected_chi2_ratio`: χ² divided by its degrees of freedom if all sources are as declared,
-/// 1 for noise alone.
+/// Whether χ² is below its upper bound. `expected_chi2_ratio`: χ² divided by its degrees of freedom if all sources
+/// are as declared, 1 for noise alone.
 fn is_chi2_plausible(chi2: f64, dof: usize, expected_chi2_ratio: f64, data: &HarmonicData) -> bool {
     // The scatter in the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
     let of_scatter = data.harmonic_scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
@@ -64,10 +68,10 @@ fn is_chi2_plausible(chi2: f64, dof: usize, expected_chi2_ratio: f64, data: &Har
 }
 
 /// Checks channels and mounting angles against the form of the artefact. Searches for one change of the layout that
-/// explains the residuals: two exchanged channels, one wrong index, or the same index error at one mounting and all
-/// later ones. Without redundancy (one index, three sensors per section) nothing is found. `expected_chi2_ratio`: χ²
-/// divided by its
-/// degrees of freedom if all sources are as declared.
+/// explains the residuals: two exchanged channels, all mountings turned in the opposite direction, one wrong index,
+/// or the same index error at one mounting and all later ones. Without redundancy (one index, three sensors per
+/// section) nothing is found. `expected_chi2_ratio`: χ² divided by its degrees of freedom if all sources are as
+/// declared.
 ///
 /// # Errors
 /// The errors of [`SeparationFit::new`].
@@ -122,7 +126,7 @@ fn candidate_faulty_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, LayoutFau
     swapped.chain([(mirrored, LayoutFault::MirroredIndexAngles)]).collect()
 }
 
-/// Increase of χ² if the index number `index`, from 0, is shifted by one step.
+/// Increase of χ² if the mounting number `index`, from 0, is turned by 360° divided by the number of mountings.
 fn chi2_increase_of_index_shift(layout: &ProbeLayout, data: &HarmonicData, fit: &SeparationFit, index: usize) -> f64 {
     let mut shifted = layout.clone();
     shifted.index_angles_rad[index] += TAU / layout.index_angles_rad.len() as f64;
@@ -161,8 +165,8 @@ fn least_chi2_and_index_offset_rad(
     Ok(offsets.map(candidate).min_by(least))
 }
 
-/// Channels whose pattern shifts from revolution to revolution. The revolutions of a row are consecutive and in the
-/// same direction.
+/// One fault for each channel whose pattern shifts from revolution to revolution. The revolutions of a row are
+/// consecutive and in the same direction.
 pub fn find_clock_errors(layout: &ProbeLayout, measured: &[ChannelRevolutions]) -> Vec<LayoutFault> {
     let channels = layout.channels.iter().enumerate();
     let diagnosis = |(i, channel): (usize, &super::model::SensorChannel)| {

@@ -42,7 +42,8 @@ impl SeparationFit {
         higher.fold((0.0, 0), |(chi2, dof), fit| (chi2 + fit.chi2, dof + fit.dof))
     }
 
-    /// Observations that the solution predicts with another layout: the effect of a layout error.
+    /// Observations that the solution predicts with another layout: harmonic by harmonic from 1 on, the cosine parts
+    /// of all rows, then the sine parts, mm.
     pub fn predicted_observations(&self, layout: &ProbeLayout, rows: &[ChannelAtMounting]) -> Vec<f64> {
         let block_observations =
             |(order, fit): (usize, &BlockFit)| multiply_vector(&layout.design_matrix(rows, order), &fit.solution.x);

@@ -83,12 +83,13 @@ fn refuse_coinciding_sensors(
     MethodRefusal::new(why, format!("move {}{suggestion}", second.name))
 }
 
+/// Angle of the sensor, 0 to below 360°.
 fn channel_angle_deg(channel: &SensorChannel) -> f64 {
     channel.angle_rad.to_degrees().rem_euclid(360.0)
 }
 
-/// Angle of a third sensor with the smallest noise gain, degrees, and this gain. The angle leaves space for the
-/// housings.
+/// Angle of a third sensor with the smallest noise gain, degrees, and this gain (RMS over the harmonics 2 to 20). The
+/// angle leaves space for the housings. `None`: no free angle determines all these harmonics.
 fn best_third_angle_and_gain(pair_deg: [f64; 2], obstructed_ranges: &[AngleRange]) -> Option<(f64, f64)> {
     let housings = pair_deg.map(|deg| AngleRange::centred_range(deg, MIN_HOUSING_ANGLE_DEG));
     let obstructed_ranges = [obstructed_ranges, &housings].concat();
@@ -147,7 +148,8 @@ pub fn describe_weak_points(
     Ok([lost, weakest, third].into_iter().flatten().collect())
 }
 
-/// Text with the noise gain of three sensors of one section in one mounting, and the best angle of the third sensor.
+/// Text with the noise gain of three sensors of one section in one mounting, and the best angle of the third sensor
+/// if another angle is better. `None`: the section does not have exactly three sensors.
 fn describe_third_sensor(
     section: &ProbeLayout,
     obstructed_ranges: &[AngleRange],
@@ -166,6 +168,7 @@ fn describe_third_sensor(
     )))
 }
 
+/// Pairs of motion and harmonic that the layout does not determine with all sensors at all indexes.
 fn undetermined_orders(
     layout: &ProbeLayout,
     motions: &[MotionOrForm],

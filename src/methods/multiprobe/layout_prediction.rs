@@ -22,7 +22,7 @@ const THIRD_ANGLE_SEARCH_STEP_DEG: usize = 10;
 /// Selection of the measurements of a layout that are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SeparationMethod {
-    /// All sensors, artefact not indexed.
+    /// All sensors at the first index only.
     Multiprobe,
     /// The first two sensors at every index.
     Multistep,
@@ -30,8 +30,9 @@ pub enum SeparationMethod {
     Combined,
 }
 
-/// Harmonics `orders`, from 2 on, with the noise of EXC relative to the noise of one sensor, for radial sensors of
-/// one section. The value is infinite if the order is not determined.
+/// Each of the harmonics `orders`, from 2 on, with its noise gain: standard uncertainty of a coefficient of EXC
+/// divided by that of one sensor, for radial sensors of one section. The value is infinite if the order is not
+/// determined.
 ///
 /// # Errors
 /// An angle is not finite.
@@ -61,7 +62,8 @@ pub fn rms_noise_gain(layout: &ProbeLayout, separation: SeparationMethod) -> Res
     Ok(crate::identification::rms(&gains.iter().map(|(_, gain)| *gain).collect::<Vec<_>>()))
 }
 
-/// Fit of the harmonics 1..=`orders` to zeros, each observation with a standard uncertainty of 1 mm.
+/// Fit of the harmonics 1..=`orders` to zeros, each observation with a standard uncertainty of 1 mm: its covariance
+/// gives the noise gains.
 pub fn unit_noise_fit(
     layout: &ProbeLayout,
     rows: Vec<ChannelAtMounting>,
@@ -93,7 +95,7 @@ pub fn third_sensor_angles_and_gains(pair_deg: [f64; 2], obstructed_ranges: &[An
     candidates
 }
 
-/// Angle between the directions of two sensors, 0 to 90°.
+/// Acute angle between the lines of two sensors, 0 to 90°: opposed sensors have 0°.
 pub fn acute_angle_between_sensors_deg(a_deg: f64, b_deg: f64) -> f64 {
     let angle_deg = (a_deg - b_deg).rem_euclid(180.0);
     angle_deg.min(180.0 - angle_deg)

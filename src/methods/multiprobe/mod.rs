@@ -98,7 +98,7 @@ impl Method for Multiprobe {
     }
 }
 
-/// The identified error motions.
+/// The identified error motions and forms, with the fit from which they follow.
 struct SeparatedMotions {
     pub identification: Identification,
     pub fit: SeparationFit,

@@ -32,7 +32,7 @@ pub enum MeasuredSurface {
 pub struct SensorChannel {
     pub name: String,
     pub surface: MeasuredSurface,
-    /// γ, the angle of the sensor, rad.
+    /// γ, the angle of the sensor about +Z, counter-clockwise from +X of the machine, rad.
     pub angle_rad: f64,
 }
 
@@ -40,11 +40,15 @@ pub struct SensorChannel {
 /// unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionOrForm {
-    /// Error motion of the rotary axis along X; Y and Z likewise, A and B about X and Y.
+    /// Radial error motion of the rotary axis along X, at the reference height.
     X,
+    /// Radial error motion along Y, at the reference height.
     Y,
+    /// Tilt error motion about X.
     A,
+    /// Tilt error motion about Y.
     B,
+    /// Axial error motion along Z.
     Z,
     /// Roundness of a section, by its index.
     Roundness(usize),
@@ -72,11 +76,13 @@ impl MotionOrForm {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProbeLayout {
     pub channels: Vec<SensorChannel>,
-    /// Heights of the cross sections: one, or two for the tilt error motions.
+    /// Heights of the cross sections, machine frame, in the order of the section indices: one, or two for the tilt
+    /// error motions. 0 in a layout reduced to one section.
     pub section_z_mm: Vec<f64>,
-    /// z0, the height at which X and Y are given. With one section, its height.
+    /// z0, the height at which X and Y are given, machine frame. With one section, its height.
     pub reference_z_mm: f64,
-    /// φn of each mounting, relative to the first one, rad.
+    /// φn of each mounting: angle of the artefact on the table relative to the first mounting, counter-clockwise seen
+    /// from +Z, rad.
     pub index_angles_rad: Vec<f64>,
     /// The table's axis.
     pub measured_axis: Axis,
@@ -116,7 +122,7 @@ impl ProbeLayout {
         }
     }
 
-    /// Layout reduced to the first section.
+    /// Layout with the radial sensors of the first section only, its height set to 0.
     pub fn reduced_to_first_section(&self) -> Self {
         let mut layout = Self { section_z_mm: vec![0.0], reference_z_mm: 0.0, ..self.clone() };
         layout.channels.retain(|channel| channel.surface == MeasuredSurface::Section(0));
@@ -134,7 +140,7 @@ impl ProbeLayout {
             .collect()
     }
 
-    /// Derivative of M by the harmonic `order` of the component.
+    /// Complex factor of the harmonic `order` of the component in the harmonic M of the row.
     fn harmonic_coefficient(&self, row: ChannelAtMounting, order: usize, component: MotionOrForm) -> c64 {
         let SensorChannel { surface, angle_rad, .. } = &self.channels[row.channel_index];
         let (sin, cos) = angle_rad.sin_cos();
@@ -181,8 +187,8 @@ impl ProbeLayout {
     }
 }
 
-/// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first harmonic.
-/// No directions are returned if the layout does not have both components.
+/// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as vectors over all unknowns of the
+/// first harmonic. No directions are returned if the layout does not have both components.
 pub fn co_rotating_directions(layout: &ProbeLayout, first: MotionOrForm, second: MotionOrForm) -> Vec<Vec<f64>> {
     let components = layout.components();
     let position = |component| components.iter().position(|c| *c == component);

@@ -16,15 +16,17 @@ use machine::record::reading::{Reading, ReadingFlag};
 /// Data extracted from the readings.
 #[derive(Default)]
 pub struct ObservedRevolutions {
-    /// Revolutions of each channel at each index, in the order of time.
+    /// Revolutions of each channel at each index, forward and backward, in the order of time: deviations m = −value,
+    /// mm.
     pub all_rows: Vec<ChannelRevolutions>,
-    /// Revolutions of the forward turns alone. The revolutions of a forward turn follow one another without a gap.
+    /// Revolutions of the forward turns alone, also of channels that `all_rows` omits. The revolutions of a forward
+    /// turn follow one another without a gap.
     pub forward_rows: Vec<ChannelRevolutions>,
     /// Descriptions of omitted data.
     pub omission_descriptions: Vec<String>,
-    /// Number of pairs of stop and channel without any distance.
+    /// Number of pairs of stop and channel without any distance. 0 for continuous turns.
     pub channel_stops_without_distance_count: usize,
-    /// Duration of one forward revolution, s.
+    /// Duration of one forward revolution of the last mounting, s.
     pub forward_revolution_duration_s: f64,
 }
 
@@ -66,7 +68,7 @@ pub fn observe_revolutions(
     Ok(observed)
 }
 
-/// Number of pairs of stop and channel without any distance.
+/// Number of pairs of stop and channel of one turn without any distance. 0 for continuous turns.
 fn count_missing_channel_stops(setup: &MultiprobeSetup<'_>, step: &Step, readings: &[&Reading]) -> usize {
     if !uses_dwell_sampling(setup) {
         return 0;
@@ -83,6 +85,7 @@ fn uses_dwell_sampling(setup: &MultiprobeSetup<'_>) -> bool {
     setup.settings.sampling == TurnSampling::Dwell
 }
 
+/// Equal angles of the scan. Missing stops are interpolated only with dwell sampling.
 fn stops_of_scan(setup: &MultiprobeSetup<'_>, step: &Step) -> StopScan {
     StopScan {
         stops_per_revolution: setup.settings.positions,
@@ -96,7 +99,7 @@ fn time_span_s(readings: &[&Reading]) -> f64 {
     times().fold(f64::NEG_INFINITY, f64::max) - times().fold(f64::INFINITY, f64::min)
 }
 
-/// Revolutions of one scan that all its usable channels share.
+/// Revolutions of one scan that all its usable channels share, in the order of the angle, and the rejected ones.
 fn scan_revolutions(
     setup: &MultiprobeSetup<'_>,
     filter: &ResampleFilter,

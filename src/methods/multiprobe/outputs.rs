@@ -22,7 +22,7 @@ pub struct ReportedMotions<'a> {
     fit: &'a SeparationFit,
     /// Components × harmonics from 1 on. `None`: not identifiable.
     harmonic_derivatives: Vec<(MotionOrForm, Vec<Option<HarmonicDerivatives>>)>,
-    /// Reason why the first harmonic has no co-rotating part.
+    /// Text that the co-rotating first harmonic is set to zero, with the reason.
     pub gauge_text: String,
 }
 
@@ -60,7 +60,8 @@ impl<'a> ReportedMotions<'a> {
         self.harmonic_derivatives.iter().flat_map(lost_harmonics).chain(combinations).collect()
     }
 
-    /// Whether the harmonic `order`, counted from 1, is identifiable.
+    /// Whether the harmonic `order`, counted from 1, of the component is identifiable. `false` also if the layout
+    /// does not have the component.
     pub fn is_identifiable(&self, component: MotionOrForm, order: usize) -> bool {
         let own = self.harmonic_derivatives.iter().find(|(own, _)| *own == component);
         own.is_some_and(|(_, parts)| matches!(parts.get(order - 1), Some(Some(_))))
@@ -84,7 +85,7 @@ impl<'a> ReportedMotions<'a> {
         }
     }
 
-    /// The error motions, without the forms of the artefact.
+    /// The error motions with their identifiable harmonics, without the forms of the artefact.
     pub fn error_motions(&self) -> impl Iterator<Item = (MotionOrForm, HarmonicFunction)> {
         let motions = self.harmonic_derivatives.iter().filter(|(component, _)| !component.is_artefact_form());
         motions.map(|parts| (parts.0, self.harmonic_function(parts)))
@@ -153,6 +154,7 @@ impl<'a> ReportedMotions<'a> {
         range_outputs(self.harmonic_derivatives.iter().flat_map(ranges).collect(), self.solution())
     }
 
+    /// Solved unknowns of all harmonics.
     pub fn solution(&self) -> &[f64] {
         &self.fit.x
     }

@@ -23,21 +23,22 @@ pub enum TurnSampling {
 pub struct MultiprobeSettings {
     /// Names of the sensors. Empty: all sensors of the machine file.
     pub sensors: Vec<String>,
-    /// Positions of the linear axes during the measurement, machine coordinates, mm. All of them are required.
+    /// Positions of the linear axes during the measurement, machine coordinates, mm; also of rotary axes other than
+    /// the measured one, which are otherwise at 0°. All linear axes are required.
     #[serde(rename = "at")]
     pub linear_axis_positions: Position,
     /// Number of mountings of the artefact in equal steps of 360°/N. 1: the artefact is not indexed.
     pub indexes: usize,
     /// Revolutions in each direction at one mounting.
     pub revolutions: usize,
-    /// Whether each turn is repeated backward.
+    /// Whether each turn is repeated backward, with as many revolutions.
     pub both_directions: bool,
     /// Number of equal angles per revolution: stops, or results of the resampling.
     pub positions: usize,
-    /// Highest harmonic of the error motions.
+    /// Highest harmonic of the error motions and of the form of the artefact.
     pub harmonics: usize,
     pub sampling: TurnSampling,
-    /// Dwell time at a stop before its samples.
+    /// Dwell time at a stop before its samples, s.
     pub dwell_s: f64,
     /// Number of samples of each sensor at a stop.
     pub samples: u32,
@@ -45,18 +46,21 @@ pub struct MultiprobeSettings {
     pub rate_hz: f64,
     /// Feed, degrees per minute.
     pub feed_deg_min: f64,
-    /// Largest distance of the sections from the axis at which centring ends.
+    /// Centring ends when each section is at most this far from the axis, µm.
     pub eccentricity_limit_um: f64,
     /// Ranges of angles, counter-clockwise seen from +Z, in which no sensor can be mounted: they are not suggested as
     /// sensor positions. All readings are evaluated.
     #[serde(rename = "excluded_deg")]
     pub obstructed_ranges_deg: Vec<[f64; 2]>,
-    /// Standard uncertainties of the values declared in the machine file. `u_gain` is relative.
+    /// Standard uncertainty of the gain of a sensor, relative (1 = 100 %).
     pub u_gain: f64,
+    /// Standard uncertainty of the declared angle of a sensor.
     pub u_sensor_angle_deg: f64,
+    /// Standard uncertainty of the declared distance between the two sections.
     pub u_section_distance_mm: f64,
+    /// Standard uncertainty of the radius on the face at which the axial sensors measure.
     pub u_face_radius_mm: f64,
-    /// Standard uncertainty of the angle of one mounting.
+    /// Standard uncertainty of the angle of one mounting relative to the first one.
     pub u_index_angle_deg: f64,
     /// Number of Monte Carlo trials. 0: adaptive as in JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
@@ -89,10 +93,12 @@ impl Default for MultiprobeSettings {
     }
 }
 
-/// Upper bounds of the settings. Larger values are refused: they would need a day, and more memory than the computer
-/// has.
+/// Upper bound of the setting `indexes`. Larger values are refused: they would need a day, and more memory than the
+/// computer has. The same applies to the two bounds below.
 const MAX_MOUNTING_ANGLES: usize = 72;
+/// Upper bound of the setting `revolutions`.
 const MAX_REVOLUTIONS: usize = 100;
+/// Upper bound of the setting `positions`.
 const MAX_POSITIONS_PER_REVOLUTION: usize = 3600;
 
 impl MultiprobeSettings {
@@ -145,7 +151,8 @@ impl MultiprobeSettings {
         self.obstructed_ranges_deg.iter().map(range).collect()
     }
 
-    /// Highest harmonic that the positions of one revolution determine.
+    /// Highest harmonic that the positions of one revolution determine; for a continuous turn the highest that the
+    /// resampling filter passes.
     fn highest_determined_harmonic(&self) -> usize {
         match self.sampling {
             TurnSampling::Dwell => self.positions.saturating_sub(1) / 2,
@@ -153,7 +160,8 @@ impl MultiprobeSettings {
         }
     }
 
-    /// Checks that the samples are not farther apart than the angles to which they are resampled.
+    /// Checks that the samples of a continuous turn are at most half as far apart as the angles to which they are
+    /// resampled.
     fn check_sample_spacing(&self) -> Result<(), MethodRefusal> {
         let spacing_deg = self.feed_deg_min / 60.0 / self.rate_hz;
         let step_deg = 360.0 / self.positions.max(1) as f64;

@@ -15,9 +15,9 @@ use machine::{Axis, Position};
 pub struct MultiprobeSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a MultiprobeSettings,
-    /// The measured axis.
+    /// The measured axis: the innermost rotary axis of the table along Z.
     pub measured_axis: Axis,
-    /// Positions of all axes except the measured one at the start of a turn.
+    /// Positions of all axes except the measured one and the spindle during a turn.
     pub other_axis_positions: Position,
     pub layout: ProbeLayout,
     /// Point at which X and Y are given, machine frame, mm.
@@ -70,7 +70,8 @@ impl<'a> MultiprobeSetup<'a> {
         })
     }
 
-    /// Checks before motion that the sensors and indexes separate the motions from the form of the artefact.
+    /// Checks before motion that the sensors and indexes separate the radial and tilt motions from the form of the
+    /// artefact. Harmonics of the axial motion may remain undetermined.
     ///
     /// # Errors
     /// The first undetermined quantity, with a better layout.
@@ -85,6 +86,7 @@ impl<'a> MultiprobeSetup<'a> {
     }
 }
 
+/// `sections`: declared indices of the measured sections; the channel gets the position in this list.
 fn sensor_channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]) -> SensorChannel {
     let number = |section: usize| sections.iter().position(|own| *own == section);
     SensorChannel {
@@ -115,7 +117,8 @@ fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
     }
 }
 
-/// Positions of the axes with the measured one at zero.
+/// Positions of `at`, with the measured axis and all rotary axes that `at` does not contain at zero, without the
+/// spindle.
 fn position_with_measured_axis_at_zero(
     plan: &Plan,
     settings: &MultiprobeSettings,

@@ -20,15 +20,17 @@ const DERIVATIVE_ANGLE_STEP_RAD: f64 = 1e-3;
 pub struct SourceSizes<'a> {
     /// Settings with the uncertainties of the declared layout.
     pub settings: &'a MultiprobeSettings,
-    /// Covariance of the gains, then of the angles, after the calibration.
+    /// Covariance of the gains, then of the angles, after the calibration. `None`: `u_gain` and the sensor angle
+    /// uncertainty of the settings, uncorrelated.
     pub sensor_covariance: Option<Mat<f64>>,
     /// Standard uncertainty of the drift of the artefact relative to the sensors along X, Y and Z during one
-    /// revolution, reduced by the revolutions in the other direction.
+    /// revolution. 0 if the table turns in both directions.
     pub u_drift_mm_per_revolution: f64,
     /// Effects of the sensors' linearity errors on all observations, one column per independent draw, mm.
     pub linearity_effects: Vec<Vec<f64>>,
 }
 
+/// Raises the second section by `by_mm`.
 fn change_section_distance(layout: &mut ProbeLayout, by_mm: f64) {
     layout.section_z_mm.iter_mut().skip(1).for_each(|z_mm| *z_mm += by_mm);
 }

@@ -74,7 +74,7 @@ fn first_mount_prompt(setup: &MultiprobeSetup<'_>) -> Result<Step, MethodRefusal
     Ok(Step { watch, ..Step::prompt("centre/1".to_owned(), text) })
 }
 
-/// One revolution with few stops.
+/// One revolution with few stops, from the first angle of `turn_deg` on.
 fn centring_turn(setup: &MultiprobeSetup<'_>, turn_deg: &[f64], round: usize) -> Step {
     let step_deg = 360.0 / CENTRING_STOP_COUNT as f64;
     let angles = (0..=CENTRING_STOP_COUNT).map(|k| turn_deg[0] + k as f64 * step_deg);
@@ -154,7 +154,8 @@ fn turn_scan(
     }
 }
 
-/// Angles of the forward turn, or the ends of a continuous one.
+/// Angles of the stops of the forward turn; for a continuous turn its two ends, with the lead that the resampling
+/// filter needs.
 ///
 /// # Errors
 /// The axis limits do not allow the number of revolutions.

@@ -6,8 +6,11 @@ use std::str::FromStr;
 /// Label of a step: its purpose, with the number of the mounting or of the centring round, from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StepLabel {
+    /// Prompt to mount the artefact at this index.
     MountPrompt(usize),
+    /// Turn of a centring round. The prompt before it has the label `centre/N`, which is not a `StepLabel`.
     CentringRound(usize),
+    /// Scan with two stops that is repeated after an interruption of this mounting.
     MountingReference(usize),
     ForwardTurn(usize),
     BackwardTurn(usize),

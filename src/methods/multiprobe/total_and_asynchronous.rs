@@ -9,10 +9,9 @@ use super::model::{MotionOrForm, ProbeLayout};
 use super::outputs::ReportedMotions;
 use crate::identification::{ErrorMotionValues, HarmonicFunction, total_and_asynchronous_parameters};
 
-/// Total and asynchronous value of each error motion over the indexes, from turns in one direction: turns in both
-/// directions would include the reversal error. An index with one revolution has no value. A motion that the channels
-/// of an
-/// index do not determine has no value from that index.
+/// Total and asynchronous value of each error motion, as the mean over the indexes, from turns in one direction:
+/// turns in both directions would include the reversal error. An index with one revolution, or whose channels do not
+/// determine the motion, is omitted. At least two indexes are required.
 pub fn total_and_asynchronous_values(
     layout: &ProbeLayout,
     motions: &ReportedMotions<'_>,
@@ -34,8 +33,7 @@ pub fn total_and_asynchronous_values(
 }
 
 /// The motion in each revolution of one index. It includes the form of the artefact, which is the same in all
-/// revolutions.
-/// `None`: the channels do not determine the motion.
+/// revolutions. `None`: the channels do not determine the motion.
 fn motion_in_each_revolution(
     layout: &ProbeLayout,
     own: &[&ChannelRevolutions],
@@ -52,7 +50,8 @@ fn motion_in_each_revolution(
     Some((0..own[0].revolutions.len()).map(motion).collect())
 }
 
-/// Factors, one per row, from the deviations of the channels to the motion at one angle.
+/// Factors, one per row, from the deviations of the channels to the motion at one angle, without a model of the form.
+/// `None`: the channels do not determine the motion.
 fn motion_from_channels_factors(
     layout: &ProbeLayout,
     own: &[&ChannelRevolutions],

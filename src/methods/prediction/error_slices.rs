@@ -11,22 +11,23 @@ const POSITIONS_PER_AXIS: usize = 7;
 /// Predicted error of the tip on a grid of two axes; the other axes are fixed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErrorSlice {
-    /// The two axes of the slice, each with its positions, mm or degrees.
+    /// Axis of the columns, with its positions in ascending order, mm or degrees.
     pub horizontal_axis: (Axis, Vec<f64>),
+    /// Axis of the rows, with its positions in ascending order, mm or degrees.
     pub vertical_axis: (Axis, Vec<f64>),
     /// Positions of the other axes.
     pub other_positions: Position,
-    /// Length of the error of the tip, row by row upwards, mm.
+    /// Length of the error of the tip relative to the work zero, one row for each position of the vertical axis, mm.
     pub error_mm: Vec<Vec<f64>>,
-    /// Standard uncertainty of the tip error, √(u_x² + u_y² + u_z²), mm. It remains after a correction of all
-    /// errors.
+    /// Standard uncertainty of the tip error, √(u_x² + u_y² + u_z²), arranged as `error_mm`, mm. It remains after a
+    /// correction of all errors.
     pub u_mm: Vec<Vec<f64>>,
 }
 
 impl ErrorPredictor<'_> {
-    /// Slices over X and Y at mid Z with the rotary axes at 0 or the nearest measured position; over X and Y
-    /// at the lowest, the middle and the highest Z with the rotary axes as in `at`; and over two rotary axes
-    /// with X, Y and Z at mid range. Axes over which the estimate was not measured are left out.
+    /// Slices over X and Y at mid Z with the rotary axes at 0 or the nearest measured position; over X and Y at the
+    /// lowest, the middle and the highest Z with the rotary axes as in `at`; and, if exactly two rotary axes were
+    /// measured, over both with X, Y and Z at mid range. Axes over which the estimate was not measured are left out.
     ///
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.

@@ -36,10 +36,12 @@ const EXTRAPOLATION_REMEDY: &str = "omit the pose, or allow extrapolation (--ext
 pub struct PoseError {
     /// True minus nominal position of the tip, minus the same at the work zero, mm.
     pub tip_error_mm: Vector3<f64>,
+    /// Standard uncertainty of each coordinate of the tip error, mm.
     pub u_tip_error_mm: Vector3<f64>,
     /// True minus nominal direction of the tool, from its tip to the spindle, rad. The work zero has no effect on the
     /// direction.
     pub direction_error_rad: Vector3<f64>,
+    /// Standard uncertainty of each component of the direction error, rad.
     pub u_direction_error_rad: Vector3<f64>,
 }
 
@@ -48,6 +50,7 @@ pub struct PoseError {
 #[derive(Debug, Clone)]
 pub struct TipError {
     error_mm: Vector3<f64>,
+    /// Derivative by each error of the estimate.
     derivatives: Vec<Vector3<f64>>,
 }
 
@@ -64,14 +67,16 @@ pub enum WorkZero {
     EachRotaryPosition,
 }
 
+/// Predicts the error of the tool at any pose from the axis errors of an estimate, relative to a work zero.
 pub struct ErrorPredictor<'a> {
     chain: KinematicChain,
     known_errors: KnownErrors<'a>,
     /// Directions in which the estimate does not give the position of the spindle. The spindle is assumed to have no
     /// error in these directions.
     undetermined_spindle_components: Vec<UndeterminedSpindleComponent>,
-    /// Errors that the control takes into account.
+    /// Errors that the control takes into account: their effect is subtracted.
     compensated_errors: Vec<ErrorTerm>,
+    /// Nominal stylus tip.
     tip: Point<SpindleFrame>,
     /// Ranges of the axes over which the estimate was measured, mm and degrees. Empty: the ranges are unknown.
     measured_ranges: &'a BTreeMap<Axis, [f64; 2]>,
@@ -81,7 +86,7 @@ pub struct ErrorPredictor<'a> {
     work_zero_displacement: Option<DisplacementWithDerivatives>,
 }
 
-/// Displacement of a point in the table frame, and its derivatives by the errors.
+/// Displacement of a point in the table frame, mm, and its derivatives by the errors of the estimate.
 type DisplacementWithDerivatives = (Vector3<f64>, Vec<Vector3<f64>>);
 
 impl<'a> ErrorPredictor<'a> {
@@ -133,8 +138,8 @@ impl<'a> ErrorPredictor<'a> {
         self
     }
 
-    /// The machine after a correction of the errors `symbols` by their estimated values. The uncertainty of
-    /// the estimated values remains.
+    /// The machine after a correction of the errors `symbols` by their estimated values: these errors count as 0. The
+    /// uncertainty of the estimated values remains.
     ///
     /// # Errors
     /// A symbol is not an error of the estimate.
@@ -187,7 +192,8 @@ impl<'a> ErrorPredictor<'a> {
         })
     }
 
-    /// Displacement of a point of the tool in the table frame, and its derivatives by the errors.
+    /// Position of a point of the tool in the table frame with the errors of the estimate, minus that with the
+    /// compensated errors, and its derivatives by the errors of the estimate.
     fn point_displacement(&self, at: &Position, point: Point<SpindleFrame>) -> DisplacementWithDerivatives {
         let Self { chain, known_errors, compensated_errors, .. } = self;
         let displacement = chain.tip_in_table(at, point, &known_errors.errors).mm
@@ -231,6 +237,7 @@ impl<'a> ErrorPredictor<'a> {
         )
     }
 
+    /// Errors of tip and direction at the pose `at`, with their standard uncertainties.
     pub fn pose_error(&self, at: &Position) -> PoseError {
         self.pose_error_from_tip(at, &self.tip_error(at))
     }
@@ -251,6 +258,7 @@ impl<'a> ErrorPredictor<'a> {
         }
     }
 
+    /// Error of the tip at the pose `at` relative to the work zero.
     fn tip_error(&self, at: &Position) -> TipError {
         let (tip, columns) = self.point_displacement(at, self.tip);
         let (zero, zero_columns) = self.displacement_at_work_zero(at);
@@ -268,7 +276,7 @@ impl<'a> ErrorPredictor<'a> {
     }
 }
 
-/// X, Y, Z that move the tip to the origin of the table.
+/// X, Y, Z that move the tip to the origin of the table frame, with the other axes at `others` and no errors.
 fn linear_axes_at_table_origin(
     chain: &KinematicChain,
     tip: Point<SpindleFrame>,

@@ -28,12 +28,16 @@ const MONTE_CARLO_SEED: u64 = 0x766f_6c75;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VolumeError {
     pub largest_mm: f64,
+    /// Standard uncertainty: standard deviation over the draws of the errors.
     pub u_largest_mm: f64,
+    /// Mean over the poses of the length of the tip error.
     pub mean_mm: f64,
+    /// Standard uncertainty of the mean over the poses.
     pub u_mean_mm: f64,
-    /// Upper bounds of the errors with the probability [`COVERAGE_PROBABILITY`], mm, for errors that were
-    /// estimated to be 0.
+    /// Quantile of the largest error over the draws at [`COVERAGE_PROBABILITY`], mm: upper bound of the largest error
+    /// that remains after a correction of the estimated errors.
     pub largest_95_percent_bound_mm: f64,
+    /// The same quantile of the mean error over the poses, mm.
     pub mean_95_percent_bound_mm: f64,
     /// Index of the pose with the largest error in the list of poses.
     pub worst_pose_index: usize,
@@ -43,8 +47,8 @@ pub struct VolumeError {
 pub const VOLUMETRIC_ERROR_SYMBOL: &str = "E_vol";
 
 impl ErrorPredictor<'_> {
-    /// Largest position error of the tool relative to the work zero, as a parameter of the estimate. A tolerance limit
-    /// may apply to this parameter.
+    /// Largest position error of the tool relative to the work zero over the grid poses, as a parameter of the
+    /// estimate. A tolerance limit may apply to this parameter.
     ///
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
@@ -75,8 +79,8 @@ impl ErrorPredictor<'_> {
         Ok(poses)
     }
 
-    /// Errors relative to the work zero, and after a best fit of the workpiece; u comes from draws of the
-    /// estimate's errors.
+    /// Errors relative to the work zero, then after a best fit of the workpiece. u comes from draws of the estimate's
+    /// errors.
     pub fn volume_errors(&self, poses: &[Position], tips: &[TipError]) -> [VolumeError; 2] {
         let zeroed: Vec<Vector3<f64>> = tips.iter().map(|tip| tip.error_mm).collect();
         let fit = self.fit_workpiece(poses, &zeroed);

@@ -20,15 +20,16 @@ use machine::record::sensor::SensorMount;
 pub struct PointInWorkpieceFrame {
     /// Centre of the stylus ball of a touch, or the measured point of a sensor sample.
     pub position_mm: Vector3<f64>,
-    /// Standard uncertainty from the estimate with its stylus, and from what the plan declares of probe and
-    /// axes for one point.
+    /// Standard uncertainty of each coordinate from the estimate with its stylus, and from what the plan declares of
+    /// probe and axes for one point.
     pub u_mm: Vector3<f64>,
 }
 
-/// Position of the stylus ball centre relative to the spindle datum, mm.
+/// Position of the stylus ball centre relative to the spindle datum, spindle frame, mm.
 struct StylusOffset {
     offset_mm: Vector3<f64>,
-    /// Indices of the coordinates that the estimate contains: 0 for x to 2 for z.
+    /// Indices of the coordinates that the estimate contains: 0 for x to 2 for z. The others are stated in the
+    /// machine file.
     estimated_coordinate_indices: Vec<usize>,
 }
 
@@ -106,6 +107,8 @@ impl<'a> WorkpieceTransform<'a> {
         Some(PointInWorkpieceFrame { position_mm: position(tip), u_mm: variance.map(f64::sqrt) })
     }
 
+    /// Stylus ball centre of a touch, or the point that a spindle sensor measures, spindle frame. `None`: the sample
+    /// has no distance, or its sensor is not in the spindle.
     fn point_in_spindle(&self, reading: &Reading) -> Option<Point<SpindleFrame>> {
         let sensor = self.plan.sensors.iter().find(|sensor| sensor.name == reading.sensor);
         let Some(sensor) = sensor else {

@@ -15,7 +15,7 @@ pub struct QualificationFit {
     pub identification: Identification,
     pub layout: UnknownsLayout,
     pub scatter: PooledScatter,
-    /// Deviation of each touch from the mean of its group, mm.
+    /// Residual of each touch minus the mean residual of its group, from the fit with equal weights, mm.
     pub deviations_from_group_mean_mm: Vec<f64>,
 }
 
@@ -83,7 +83,7 @@ fn subtract_group_means(observed: &ObservedTouches, residuals: &[f64]) -> Vec<f6
     touches.map(|(touch, residual)| residual - mean(touch.group_index)).collect()
 }
 
-/// Scatter, pooled over all directions.
+/// Scatter within the groups, pooled over all groups.
 fn pooled_scatter(
     setup: &QualificationSetup<'_>,
     observed: &ObservedTouches,

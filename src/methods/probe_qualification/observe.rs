@@ -16,21 +16,24 @@ use machine::{Axis, Position};
 #[derive(Debug, Clone)]
 pub struct MeasuredTouch {
     pub label: String,
-    /// Unit vector from the ball's centre to the stylus centre: in the machine frame, and in the spindle frame.
+    /// Unit vector from the centre of the fitted sphere to the stylus centre, machine frame.
     pub normal_in_machine: Vector3<f64>,
+    /// The same unit vector in the spindle frame.
     pub normal_in_spindle: Vector3<f64>,
-    /// Distance of the stylus centre from the centre of the fitted sphere, less both stated radii, mm.
+    /// Distance of the stylus centre from the centre of the sphere fitted to the slow touches, minus both stated
+    /// radii, mm.
     pub radial_deviation_mm: f64,
     /// Axis positions X, Y and Z, mm.
     pub axis_positions_mm: Vector3<f64>,
+    /// Whether the feed is greater than the measuring feed.
     pub is_fast: bool,
-    /// Index of the spindle orientation.
+    /// Index of the nearest orientation in [`ObservedTouches::spindle_orientations_deg`].
     pub spindle_orientation_index: usize,
     /// Time of the touch on the clock of the run, s.
     pub time_in_run_s: f64,
     /// Number of interruptions before the touch.
     pub earlier_interruption_count: usize,
-    /// Index of the group: touches of one direction, orientation, feed and segment.
+    /// Index of the group: touches of one direction, orientation, feed and part of the run between interruptions.
     pub group_index: usize,
 }
 
@@ -62,9 +65,9 @@ impl ObservedTouches {
 struct StepReading<'a> {
     step: &'a Step,
     reading: &'a Reading,
-    /// Positions of all axes.
+    /// Positions of all axes: those of the reading, the others from the step.
     position: Position,
-    /// Stylus centre, table frame, mm.
+    /// Nominal stylus centre, table frame, mm.
     stylus_centre_in_table_mm: Vector3<f64>,
 }
 

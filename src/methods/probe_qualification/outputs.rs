@@ -46,7 +46,8 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
     IdentificationOutputs { linear_parameters: parameters, curves, nonlinear: None }
 }
 
-/// Curve over the azimuth, perpendicular to the spindle. `first_unknown`: index of the first unknown of the `orders`.
+/// Sum of the `orders` over the azimuth in the spindle frame, for contacts perpendicular to the spindle.
+/// `first_unknown`: index of the first unknown of the `orders`.
 fn azimuth_curve(
     symbol: &str,
     layout: &UnknownsLayout,

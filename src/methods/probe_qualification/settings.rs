@@ -9,11 +9,13 @@ use crate::MethodRefusal;
 pub struct ProbeQualificationSettings {
     /// Id of the ball to be touched. Empty: the first ball that is accessible all around.
     pub ball: String,
-    /// Number of directions around the ball, at equal angles.
+    /// Number of directions on the main circle around the ball, at equal angles.
     pub azimuths: u32,
-    /// Number of touches of each direction at the measuring feed, and again at the fast feed.
+    /// Number of touches of each direction at the measuring feed, and again at the fast feed in the first spindle
+    /// orientation.
     pub repeats: u32,
-    /// Highest harmonic order of the map, unless `[probe] lobing_orders` has a higher one.
+    /// Highest harmonic order of the map, unless `[probe] lobing_orders` or the default orders (2 to 6) have a higher
+    /// one.
     pub orders: u32,
     /// Roundness of the ball by its certificate: largest minus smallest radius of a section (RONt, ISO 12181-1).
     /// Absent: not certified.
@@ -22,7 +24,7 @@ pub struct ProbeQualificationSettings {
     /// Orientations of the spindle, degrees. Absent: 0, 90, 180 and 270 if the spindle is an axis.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spindle_deg: Option<Vec<f64>>,
-    /// Feed of the faster touches. Absent: the search feed.
+    /// Feed of the faster touches, above the measuring feed and at most the search feed. Absent: the search feed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fast_feed_mm_min: Option<f64>,
     /// Clearance before the expected contact, mm.
@@ -50,12 +52,11 @@ impl Default for ProbeQualificationSettings {
 const MAX_AZIMUTHS: u32 = 360;
 const MAX_REPEATS: u32 = 100;
 const MAX_HARMONIC_ORDER: u32 = 100;
-/// Distance before and beyond the expected contact that a touch needs in addition to the stylus offset, mm. A smaller
-/// sum is refused.
-const MIN_STANDOFF_AND_OVERTRAVEL_MM: f64 = 0.1;
-/// Number of standard uncertainties of the stylus offset that are added to the minimum travel of a touch. A half turn
-/// of the spindle displaces the
-/// stylus by twice its offset.
+/// Minimum of `standoff_mm` and of `search_mm`, each, before the part for the stylus offset is added, mm. A smaller
+/// setting is refused.
+const MIN_STANDOFF_OR_SEARCH_MM: f64 = 0.1;
+/// Number of standard uncertainties of the stylus offset that are added to the minimum of `standoff_mm` and of
+/// `search_mm`. A half turn of the spindle displaces the stylus by twice its offset.
 const STYLUS_OFFSET_SIGMAS: f64 = 6.0;
 
 impl ProbeQualificationSettings {
@@ -84,12 +85,13 @@ impl ProbeQualificationSettings {
         )
     }
 
-    /// Checks that stand-off and search of the touches are long enough. `u_stylus_offset_mm`: standard uncertainty of the stylus offset.
+    /// Checks that stand-off and search of the touches are long enough. `u_stylus_offset_mm`: standard uncertainty of
+    /// the stylus offset.
     ///
     /// # Errors
     /// The touches are so short that a turned stylus could miss the ball.
     pub fn check_touch_length(&self, u_stylus_offset_mm: f64) -> Result<(), MethodRefusal> {
-        let least = MIN_STANDOFF_AND_OVERTRAVEL_MM + STYLUS_OFFSET_SIGMAS * u_stylus_offset_mm;
+        let least = MIN_STANDOFF_OR_SEARCH_MM + STYLUS_OFFSET_SIGMAS * u_stylus_offset_mm;
         MethodRefusal::require(
             self.standoff_mm >= least && self.search_mm >= least,
             format!("standoff_mm and search_mm must be at least {least:.2}, because of the stylus offset"),
@@ -97,6 +99,8 @@ impl ProbeQualificationSettings {
         )
     }
 
+    /// Requires at least 2 · `highest_order` + 2 azimuths.
+    ///
     /// # Errors
     /// There are too few directions to separate the orders up to `highest_order`.
     pub fn check_azimuths(&self, highest_order: u32) -> Result<(), MethodRefusal> {

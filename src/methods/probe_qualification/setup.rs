@@ -19,6 +19,7 @@ pub struct QualificationSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a ProbeQualificationSettings,
     pub chain: KinematicChain,
+    /// The balls of the artefact at their stated positions.
     pub balls: &'a Balls,
     /// All rotary axes except the spindle at zero, or as near to zero as their limits allow.
     pub rotary_nearest_zero: Position,
@@ -59,7 +60,8 @@ impl<'a> QualificationSetup<'a> {
         Ok(setup)
     }
 
-    /// Highest order of the map.
+    /// Highest order of the map: the largest of the setting `orders`, the declared lobing orders and the default
+    /// ones.
     pub fn highest_order(&self) -> u32 {
         let declared = self.plan.probe.lobing_orders.iter().chain(&DEFAULT_LOBING_ORDERS);
         declared.copied().fold(self.settings.orders, u32::max)
@@ -69,7 +71,8 @@ impl<'a> QualificationSetup<'a> {
         self.settings.fast_feed_mm_min.unwrap_or(self.plan.probe.search_feed_mm_min)
     }
 
-    /// Orientations of the spindle, degrees. Only 0 if the spindle is not an axis.
+    /// Orientations of the spindle, degrees: the setting, or the default ones within the limits of S. Only 0 if the
+    /// spindle is not an axis.
     pub fn spindle_orientations_deg(&self) -> Vec<f64> {
         let Some(spec) = self.plan.machine.axes.get(&Axis::S) else { return vec![0.0] };
         let named = self.settings.spindle_deg.clone().filter(|degrees| !degrees.is_empty());
@@ -109,8 +112,8 @@ impl<'a> QualificationSetup<'a> {
         measured.ok_or_else(none)
     }
 
-    /// The balls at their measured positions, with the position error that a touch can tolerate. Nominal positions if
-    /// nothing is measured.
+    /// The balls at their measured positions; nominal positions if nothing is measured. The uncertainty of the
+    /// positions is set to half of the smaller of `standoff_mm` and `search_mm`.
     ///
     /// # Errors
     /// Touches are missing or do not fit a sphere.

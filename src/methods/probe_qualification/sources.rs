@@ -16,23 +16,24 @@ use crate::identification::{
 /// Scatter of touches in one direction, pooled over all directions.
 #[derive(Debug, Clone, Copy)]
 pub struct PooledScatter {
-    /// Standard deviation of one touch as displayed, mm.
+    /// Standard deviation of one touch as displayed, with the rounding of the display, mm.
     pub std_dev_mm: f64,
+    /// Number of touches minus number of groups.
     pub dof: usize,
-    /// Largest resolution of the axes as displayed by the control, mm.
+    /// Largest resolution of the linear axes as displayed by the control, mm.
     pub control_resolution_mm: f64,
 }
 
 impl PooledScatter {
-    /// Standard uncertainty of one touch, mm, including the rounding error of touches without scatter.
+    /// Standard uncertainty of one touch, mm: the displayed scatter, and the part of the rounding error that the
+    /// scatter does not average out.
     pub fn touch_std_u_mm(self) -> f64 {
         self.std_dev_mm.hypot(rounding_u_of_mean_mm(self.control_resolution_mm, self.std_dev_mm))
     }
 
     /// Standard deviation of one touch without the rounding of the display, and the standard uncertainty of this
-    /// deviation, mm.
-    /// Rounding errors of touches that scatter by more than half a display step are independent and rectangular.
-    /// Rounding errors of touches that scatter less increase the uncertainty.
+    /// deviation, mm. Rounding errors of touches that scatter by more than half a display step are independent and
+    /// rectangular. Rounding errors of touches that scatter less increase the uncertainty.
     pub fn std_dev_and_u_without_rounding_mm(self) -> [f64; 2] {
         let variance = self.std_dev_mm.powi(2) - self.control_resolution_mm.powi(2) / 12.0;
         let s_mm = variance.max(0.0).sqrt();
@@ -72,6 +73,7 @@ pub fn uncertainty_sources(
     list
 }
 
+/// Source whose declared size enters the expected χ² but not the weights.
 fn joint_source(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
     UncertaintySource {
         residual_treatment: ResidualTreatment::InExpectedChi2,
@@ -140,6 +142,7 @@ fn backlash_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -
     [0, 1, 2].map(column).into()
 }
 
+/// Error motions of X, Y and Z: each pattern displaces the contact along X, along Y or along Z, with one draw each.
 fn linear_axis_error_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
     let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.axis_positions_mm).collect();
     let along = |k: usize, pattern: &[f64]| {

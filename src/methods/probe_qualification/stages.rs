@@ -17,6 +17,7 @@ const CANDIDATE_CIRCLE_ELEVATIONS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
 /// of the probe decreases towards the pole.
 const SECOND_CIRCLE_ELEVATION_OFFSET_DEG: f64 = 45.0;
 
+/// Stage of the search for all balls, then one stage for each orientation of the spindle.
 pub fn next_stage(
     setup: &QualificationSetup<'_>,
     done: &[Stage],
@@ -43,6 +44,7 @@ pub fn next_stage(
     }
 }
 
+/// Search touches of all balls, with the spindle in its first orientation.
 fn search_steps(setup: &QualificationSetup<'_>) -> Result<Vec<Step>, MethodRefusal> {
     let access = TouchAccess::new(setup.plan, &setup.plan.artefact)?;
     let rotary = setup.rotary_positions(0);
@@ -70,6 +72,7 @@ fn unreachable_refusal(ball: &Ball, reason: &BallAccessError) -> MethodRefusal {
 /// The touches with the spindle in one orientation.
 struct OrientationPlan<'a> {
     setup: &'a QualificationSetup<'a>,
+    /// The balls at their measured positions.
     found_balls: &'a Balls,
     access: TouchAccess,
     rotary_positions: Position,
@@ -110,7 +113,8 @@ impl<'a> OrientationPlan<'a> {
         Ok(steps)
     }
 
-    /// The ball that is accessible all around, and the elevation of its circle.
+    /// The first selected ball whose touches in this orientation are all accessible, and the lowest candidate
+    /// elevation of its circle at which they are.
     fn accessible_ball_and_elevation(&self) -> Result<(&'a Ball, f64), MethodRefusal> {
         let ball_id = &self.setup.settings.ball;
         let is_selected = |ball: &&Ball| ball_id.is_empty() || ball.id == *ball_id;
@@ -136,7 +140,7 @@ impl<'a> OrientationPlan<'a> {
     }
 
     /// Steps of one repeat at the measuring feed: a circle, a second circle above it with half as many touches (first
-    /// orientation only), and the pole.
+    /// orientation only), and the pole. Four touches of the circle and the pole are references.
     fn slow_repeat_steps(&self, ball: &Ball, elevation_deg: f64, repeat: u32) -> Result<Vec<Step>, MethodRefusal> {
         let mut directions = self.circle_azimuths_and_elevations(elevation_deg);
         let count = directions.len();

@@ -17,15 +17,17 @@ use crate::identification::azimuth_dependence::azimuth_factor;
 pub struct UnknownsLayout {
     /// Number of parts of the run between interruptions. The centre of the ball is a separate unknown in each part.
     segment_count: usize,
-    /// Orders of the probe map.
+    /// Orders of the probe map: from 1 if the spindle orientations separate order 1 from the centre of the ball,
+    /// otherwise from 2.
     pub map_orders: Vec<u32>,
-    /// Orders of the form of the ball: they do not turn with the spindle.
-    pub ball_form_orders: Vec<u32>,
+    /// Orders of the part that does not turn with the spindle (form of the ball, squareness and scale of X and Y).
+    /// Only orders that the spindle orientations separate from the map.
+    pub spindle_independent_orders: Vec<u32>,
     /// Orders of the difference of the map at the fast feed. Empty without fast touches.
     pub fast_difference_orders: Vec<u32>,
 }
 
-/// Harmonic of the map: λ cos kα and λ sin kα.
+/// Harmonic of the map: λ cos kα and λ sin kα, with α the azimuth of the unit vector `n` and λ = √(n_x² + n_y²).
 pub fn harmonic_factors(order: u32, n: &Vector3<f64>) -> [f64; 2] {
     [0.0, 0.25].map(|quarter_turns| azimuth_factor(order, quarter_turns, n))
 }
@@ -41,21 +43,22 @@ impl UnknownsLayout {
             segment_count: observed.touches.iter().map(|touch| touch.earlier_interruption_count + 1).max().unwrap_or(1),
             map_orders: (first..=highest_order).collect(),
             // Order 1 of the part that does not turn with the spindle is the centre of the ball.
-            ball_form_orders: separable_orders.into_iter().filter(|k| *k > 1).collect(),
+            spindle_independent_orders: separable_orders.into_iter().filter(|k| *k > 1).collect(),
             fast_difference_orders: (1..=highest_order).filter(|_| has_fast).collect(),
         }
     }
 
     /// Whether the spindle orientations separate an order of the map from the part that does not turn.
     pub fn is_order_separable(&self, order: u32) -> bool {
-        self.ball_form_orders.contains(&order) || order == 1 && self.map_orders.contains(&1)
+        self.spindle_independent_orders.contains(&order) || order == 1 && self.map_orders.contains(&1)
     }
 
+    /// Index of X of the drift of the ball. Y and Z are the next unknowns.
     fn first_drift_index(&self) -> usize {
         3 * self.segment_count
     }
 
-    /// Index of R: both radii less pre-travel.
+    /// Index of R: both radii minus pre-travel, as a deviation from the stated radii.
     pub fn radius_index(&self) -> usize {
         self.first_drift_index() + 3
     }
@@ -65,6 +68,7 @@ impl UnknownsLayout {
         self.radius_index() + 1 + 2 * index
     }
 
+    /// Index of the unknown for the cosine part of `spindle_independent_orders[0]`; sine part and further orders follow.
     fn first_ball_form_index(&self) -> usize {
         self.map_cosine_index(self.map_orders.len())
     }
@@ -72,7 +76,7 @@ impl UnknownsLayout {
     /// Index of the latch delay. Without fast touches there is no latch delay unknown, and this is the number of
     /// unknowns.
     pub fn latch_delay_index(&self) -> usize {
-        self.first_ball_form_index() + 2 * self.ball_form_orders.len()
+        self.first_ball_form_index() + 2 * self.spindle_independent_orders.len()
     }
 
     /// Index of the unknown for the cosine part of `fast_difference_orders[index]`. The sine part is the next unknown.
@@ -100,7 +104,7 @@ impl UnknownsLayout {
         for (index, order) in self.map_orders.iter().enumerate() {
             put(self.map_cosine_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
         }
-        for (index, order) in self.ball_form_orders.iter().enumerate() {
+        for (index, order) in self.spindle_independent_orders.iter().enumerate() {
             put(self.first_ball_form_index() + 2 * index, &harmonic_factors(*order, &touch.normal_in_machine));
         }
         if touch.is_fast {
@@ -123,7 +127,10 @@ impl UnknownsLayout {
                 format!("order {} of the map", order(&self.map_orders, self.map_cosine_index(0)))
             }
             _ if unknown < self.latch_delay_index() => {
-                format!("order {} of the ball's form", order(&self.ball_form_orders, self.first_ball_form_index()))
+                format!(
+                    "order {} of the ball's form",
+                    order(&self.spindle_independent_orders, self.first_ball_form_index())
+                )
             }
             _ if unknown == self.latch_delay_index() => "the latch delay".to_owned(),
             _ => format!(
@@ -137,8 +144,8 @@ impl UnknownsLayout {
 /// Minimum phase difference of an order between two orientations, degrees, for the order to be separable.
 const MIN_PHASE_DIFFERENCE_DEG: f64 = 20.0;
 
-/// Whether the phases of the harmonic `order` differ by at least [`MIN_PHASE_DIFFERENCE_DEG`] between any two
-/// orientations of the spindle.
+/// Whether there are two orientations of the spindle between which the phase of the harmonic `order` differs by at
+/// least [`MIN_PHASE_DIFFERENCE_DEG`].
 fn is_separable_by_orientations(observed: &ObservedTouches, order: u32) -> bool {
     let degrees = &observed.spindle_orientations_deg;
     let differs_in_phase = |a: f64, b: f64| {

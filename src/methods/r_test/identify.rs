@@ -23,6 +23,7 @@ use machine::record::reading::Reading;
 const MONTE_CARLO_SEED: u64 = 0x7274_6573;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_U_DIGITS: u32 = 1;
+/// Maximum number of trials of the adaptive rule (`monte_carlo_trials` = 0).
 const MAX_MONTE_CARLO_TRIALS: usize = 20_000;
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {

@@ -36,19 +36,23 @@ impl UnknownIndices {
         self.interruption_displacement_index(self.interruption_count) + 3 * self.stop_count.saturating_sub(1)
     }
 
+    /// Index of the sensor's reading at the origin.
     pub fn sensor_offset_index(&self, sensor: usize) -> usize {
         UNKNOWNS_PER_SENSOR * sensor
     }
 
+    /// Index of X of the sensor's gradient: change of its reading by a displacement of the sphere, mm/mm, table
+    /// frame.
     pub fn sensor_gradient_index(&self, sensor: usize) -> usize {
         self.sensor_offset_index(sensor) + 1
     }
 
+    /// Index of the curvature of the measured surface, 1/mm: one unknown for all sensors.
     pub fn curvature_index(&self) -> usize {
         UNKNOWNS_PER_SENSOR * self.sensor_count
     }
 
-    /// Index of X of the sphere. Y is the next unknown.
+    /// Index of X of the sphere's centre relative to the nominal axis. Y is the next unknown.
     pub fn sphere_position_index(&self) -> usize {
         self.curvature_index() + 1
     }
@@ -58,7 +62,8 @@ impl UnknownIndices {
         self.sphere_position_index() + 2 + 3 * interruption
     }
 
-    /// Index of the displacement at a stop. `None` for the first stop, where the displacement is zero.
+    /// Index of X of the displacement at a stop; Y and Z are the next unknowns. `None` for the first stop, where the
+    /// displacement is zero.
     pub fn stop_displacement_index(&self, stop: usize) -> Option<usize> {
         Some(self.interruption_displacement_index(self.interruption_count) + 3 * stop.checked_sub(1)?)
     }
@@ -82,6 +87,7 @@ impl UnknownIndices {
     }
 }
 
+/// Observation equations of all means of the sensors, with the weights of the fit.
 pub struct SensorEquations<'a> {
     pub nest: &'a SensorNest<'a>,
     pub means: &'a [SensorMean],
@@ -118,7 +124,7 @@ impl<'a> SensorEquations<'a> {
         UnknownIndices::vector_at(x, self.unknowns.sensor_gradient_index(sensor))
     }
 
-    /// Displacement of the sphere at a mean, table frame.
+    /// Displacement of the sphere relative to the nest at a mean, from its place at the origin, table frame, mm.
     fn sphere_displacement(&self, mean: &SensorMean, x: &[f64]) -> Vector3<f64> {
         let own = match mean.displacement {
             SphereDisplacement::Known(displacement) => displacement,
@@ -143,7 +149,7 @@ impl<'a> SensorEquations<'a> {
             + x[self.unknowns.curvature_index()] / 2.0 * across.norm_squared()
     }
 
-    /// Derivatives of a reading, by unknown.
+    /// Derivatives of a reading that are not always zero: index of the unknown, and derivative.
     pub fn reading_derivatives(&self, mean: &SensorMean, x: &[f64]) -> Vec<(usize, f64)> {
         let unknowns = &self.unknowns;
         let w = self.sphere_displacement(mean, x);

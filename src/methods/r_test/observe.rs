@@ -10,9 +10,11 @@ use machine::Position;
 use machine::record::plan::{Scan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
-/// Labels of the scans that the identification uses.
+/// Label of the scan of the calibration. The identification uses this scan and those of the two turns.
 pub const CALIBRATION_STEP_LABEL: &str = "calibration";
+/// Label of the scan of the forward turn.
 pub const FORWARD_STEP_LABEL: &str = "turn/forward";
+/// Label of the scan of the backward turn.
 pub const BACKWARD_STEP_LABEL: &str = "turn/backward";
 
 /// Displacement of the sphere relative to the sensor nest.
@@ -39,14 +41,14 @@ pub struct SensorMean {
     pub sample_count: usize,
     /// Mean time of its samples on the clock of the run, s.
     pub mean_time_in_run_s: f64,
-    /// Number of interruptions before the mean.
+    /// Number of interruptions before the mean, counting only those with means before and after them.
     pub earlier_interruption_count: usize,
 }
 
 #[derive(Debug, Default)]
 pub struct ObservedMeans {
     pub means: Vec<SensorMean>,
-    /// Number of points of a sensor without a distance.
+    /// Number of pairs of point and sensor without a valid distance. Points without any reading are not counted.
     pub missing_mean_count: usize,
 }
 

@@ -56,7 +56,8 @@ pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Identificatio
     }
 }
 
-/// Derivatives of E_total at a stop.
+/// Derivatives of E_total at a stop: displacement of the nest relative to a rotation about the nominal axis, machine
+/// frame.
 fn total_displacement_derivatives(equation: &SensorEquations<'_>, stop: usize) -> XyzDerivatives {
     let SensorEquations { nest, unknowns, .. } = equation;
     let turn = nest.machine_from_table(nest.stop_angle_rad(stop)).into_inner();

@@ -13,7 +13,8 @@ use machine::{Axis, Position};
 /// Largest distance between the centre of the nest and the axis, mm: the sphere does not follow a nest that moves
 /// around the axis.
 const MAX_NEST_AXIS_DISTANCE_MM: f64 = 0.5;
-/// Minimum determinant of the three sensor directions. The determinant is 1 for orthogonal directions.
+/// Minimum determinant of the directions of three sensors, scaled for more sensors. The determinant is 1 for
+/// orthogonal directions.
 const MIN_DIRECTION_DETERMINANT: f64 = 0.1;
 /// Largest distance between the line of a sensor and the common point, mm.
 const MAX_SENSOR_LINE_DISTANCE_MM: f64 = 0.5;
@@ -27,7 +28,8 @@ pub struct SensorNest<'a> {
     pub sensors: Vec<&'a Sensor>,
     /// Positions of all axes with the sphere in the nest and the measured axis at zero.
     pub origin: Position,
-    /// Centre of the sphere at the origin, relative to the nominal axis, machine frame, mm.
+    /// Centre of the sphere at the origin, relative to a point of the nominal axis, machine frame, mm. Only X and Y
+    /// are used.
     pub sphere_offset_from_axis_mm: Vector3<f64>,
 }
 
@@ -93,7 +95,7 @@ impl<'a> SensorNest<'a> {
         stop as f64 * std::f64::consts::TAU / self.settings.positions as f64
     }
 
-    /// Index of the stop at `angle`, rad.
+    /// Index of the stop nearest to `angle`, rad; 360° is stop 0.
     pub fn stop_index(&self, angle: f64) -> usize {
         let positions = self.settings.positions as f64;
         let number = (angle / std::f64::consts::TAU * positions).round();

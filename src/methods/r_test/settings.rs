@@ -11,13 +11,13 @@ pub struct RTestSettings {
     pub sensors: Vec<String>,
     /// Number of stops in one revolution, at equal angles that start at zero.
     pub positions: usize,
-    /// Displacement of the sphere along X, Y and Z for the calibration of the sensors.
+    /// Displacement of the sphere from the origin along +X, −X, +Y, −Y, +Z and −Z for the calibration of the sensors.
     pub calibration_mm: f64,
     /// Feed of the calibration moves, mm/min.
     pub feed_mm_min: f64,
     /// Feed of the turns, degrees per minute.
     pub feed_deg_min: f64,
-    /// Dwell time at a stop before its samples.
+    /// Dwell time at a stop before its samples, s.
     pub dwell_s: f64,
     /// Number of samples of each sensor at a stop.
     pub samples: u32,

@@ -36,7 +36,8 @@ pub fn uncertainty_sources(equation: &SensorEquations<'_>, x: &[f64]) -> Vec<Unc
     all
 }
 
-/// Standard uncertainty of each observation, from the sources that are independent between observations.
+/// Standard uncertainty of each observation, mm, from the sources that are independent between observations, at the
+/// initial values of the unknowns.
 pub fn observation_standard_uncertainties(equation: &SensorEquations<'_>) -> Vec<f64> {
     let x = equation.initial_values();
     let list = SourceBuilder { equation, x: &x };

@@ -12,6 +12,7 @@ use machine::record::watched_sensors::WatchedSensor;
 use machine::{Axis, Position};
 
 const MOUNT_PROMPT_LABEL: &str = "mount nest";
+/// Label of the scan of two stops that is repeated after an interruption. The identification does not use this scan.
 const REFERENCE_TURN_STEP_LABEL: &str = "reference";
 
 /// The stage that follows the `done` ones.
@@ -91,7 +92,7 @@ fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
     ])
 }
 
-/// Angles of one revolution.
+/// Angles of the stops of one revolution, with the start angle again at the end.
 ///
 /// # Errors
 /// The axis limits do not allow a revolution.

@@ -15,9 +15,9 @@ use machine::{Axis, Position, frame::Point};
 use crate::ball_measurement::{ball_index, tip_derivative_by_stylus};
 use crate::identification::reported_unit;
 
-/// Number of poses, and positions of balls, mm, for the separability check. They have no symmetry and cover
-/// all directions.
+/// Number of poses for the separability check. The poses have no symmetry and cover all directions.
 const SEPARABILITY_POSE_COUNT: usize = 60;
+/// Positions of balls for the separability check, without symmetry, table frame, mm.
 const SEPARABILITY_BALL_CENTRES_MM: [[f64; 3]; 5] =
     [[-152.0, 11.0, 41.0], [149.0, -23.0, 57.0], [160.0, 161.0, 178.0], [-158.0, 137.0, 95.0], [31.0, -166.0, 76.0]];
 /// The square roots of these primes give angles of the poses that repeat in no axis.
@@ -27,9 +27,11 @@ const SEPARABILITY_STYLUS_MM: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
 /// Minimum share of its length that a column keeps after the other columns are projected out. Below this share, the
 /// column is a linear combination of the others.
 const MIN_INDEPENDENT_SHARE: f64 = 1e-6;
-/// Minimum coefficient of a named member of a linear combination, mm/mm.
-const MIN_NAMED_COEFFICIENT: f64 = 1e-2;
-/// Tolerance within which a coefficient counts as one. Smaller deviations come from the slant of a bar.
+/// Minimum length of the term of a named member of a linear combination, relative to the length of the column of the
+/// error.
+const MIN_NAMED_RELATIVE_EFFECT: f64 = 1e-2;
+/// Tolerance within which the absolute value of a coefficient counts as one. Smaller deviations come from the slant
+/// of a bar.
 const UNIT_COEFFICIENT_TOLERANCE: f64 = 0.05;
 
 /// Distance of two balls with a certified length from their midpoint, mm.
@@ -53,12 +55,14 @@ pub const COORDINATE_NAMES: [&str; 3] = ["x", "y", "z"];
 #[derive(Debug, Clone, Copy)]
 pub struct MeasuringConditions<'a> {
     pub chain: &'a KinematicChain,
+    /// Rotary axes, including S, that stay at zero.
     pub fixed_axes: &'a [Axis],
+    /// Directions of the certified lengths, unit vectors, table frame. Empty: one along X is assumed.
     pub length_directions: &'a [Vector3<f64>],
 }
 
-/// Columns of the unknowns. The last rows are the certified lengths, without which the scale would be
-/// undetermined.
+/// Columns of the unknowns, one `Vec` per unknown: three stylus coordinates, three coordinates of each ball, the
+/// errors of the machine. The last rows are the certified lengths, without which the scale would be undetermined.
 struct UnknownColumns {
     stylus: Vec<Vec<f64>>,
     balls: Vec<Vec<f64>>,
@@ -71,11 +75,12 @@ pub struct Confounding {
     /// Names of errors, coordinates of the stylus (`tool_x`), or the balls. Empty: the error has no effect on
     /// the measurements.
     pub inseparable_names: Vec<String>,
-    /// Sums that are reported, e.g. `tool_x is reported as tool_x + EX0S`.
+    /// Sums that are reported in place of their first term, e.g. `tool_x is reported as tool_x + EX0S`.
     pub reported_sums: Vec<String>,
 }
 
-/// The directions of the certified lengths, from the stated positions of the balls.
+/// The directions of the certified lengths, from the stated positions of the balls: unit vectors, table frame. Of
+/// parallel lengths only the first is returned.
 pub fn length_directions(balls: &Balls) -> Vec<Vector3<f64>> {
     let position = |id| ball_index(balls, id).map(|ball| Vector3::from(balls.balls[ball].centre_mm));
     let mut all: Vec<Vector3<f64>> = Vec::new();
@@ -90,7 +95,7 @@ pub fn length_directions(balls: &Balls) -> Vec<Vector3<f64>> {
 }
 
 impl MeasuringConditions<'_> {
-    /// The stylus coordinates whose effect is not only an equal shift of all balls.
+    /// Indices, 0 for x to 2 for z, of the stylus coordinates whose effect is not only an equal shift of all balls.
     pub fn free_stylus_coordinates(&self) -> Vec<usize> {
         let UnknownColumns { stylus, balls, .. } = self.unknown_columns(&[]);
         independent_candidate_indices(&balls, &stylus, |_| MIN_INDEPENDENT_SHARE)
@@ -115,7 +120,7 @@ impl MeasuringConditions<'_> {
         let known: Vec<Vec<f64>> = machine.into_iter().chain(stylus).chain(balls).collect();
         let shares = find_linear_combination(&known, &column, min_independent_share(&error))?;
         let is_named =
-            |j: usize| column_norm(&known[j]) * shares[j].abs() > MIN_NAMED_COEFFICIENT * column_norm(&column);
+            |j: usize| column_norm(&known[j]) * shares[j].abs() > MIN_NAMED_RELATIVE_EFFECT * column_norm(&column);
         let of_errors = identified.iter().map(|known| (known.to_string(), reported_unit(known)));
         let of_stylus = free.iter().map(|k| (format!("tool_{}", COORDINATE_NAMES[*k]), Unit::Um));
         let mut confounding = Confounding::default();
@@ -133,6 +138,7 @@ impl MeasuringConditions<'_> {
         Some(confounding)
     }
 
+    /// Columns of stylus, balls and `errors` for touches of all test balls at poses without symmetry.
     fn unknown_columns(&self, errors: &[ErrorParameter]) -> UnknownColumns {
         let (positions, lengths) = self.ball_positions_and_length_directions();
         let mut stylus = vec![Vec::new(); 3];
@@ -180,6 +186,7 @@ impl MeasuringConditions<'_> {
         (positions, lengths)
     }
 
+    /// Axis positions with the stylus tip at `ball` (table frame), for the rotary angles of the pose number `pose`.
     fn separability_pose(&self, pose: usize, ball: Vector3<f64>) -> Option<Position> {
         let turning = self.chain.topology().axes().filter(|axis| !axis.is_linear());
         let angle = |axis: Axis| match self.fixed_axes.contains(&axis) {

@@ -42,8 +42,8 @@ impl GeometrySolution<'_> {
         })
     }
 
-    /// Warning about the ball displacement between two visits that reduces χ² most. `None`: no displacement explains
-    /// the misfit.
+    /// Warning about the ball displacement between two visits that reduces χ² most. `None`: the reduction is not
+    /// significant, or is at most the share `MIN_EXPLAINED_CHI2_SHARE` of χ².
     pub fn moved_ball_warning(&self) -> Option<String> {
         let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
             .flat_map(|ball| {
@@ -134,8 +134,8 @@ impl GeometrySolution<'_> {
         lines.collect()
     }
 
-    /// Mean gain of the linear axes. If only one length determines the scale, this gain is the disagreement between the
-    /// length and the machine's scales.
+    /// Mean of the identified gains of the linear axes, 0 without any. If only one length determines the scale, this
+    /// gain is the disagreement between the length and the machine's scales.
     fn mean_linear_axis_gain(&self) -> f64 {
         let named = self.problem.model().parameters().iter().zip(&self.minimum.x);
         let gains: Vec<f64> = named
@@ -145,7 +145,7 @@ impl GeometrySolution<'_> {
         gains.iter().sum::<f64>() / gains.len().max(1) as f64
     }
 
-    /// Balls that were measured at too few indexations; their measurements determine only their own
+    /// Balls that were measured at fewer than three indexations; their measurements determine only their own
     /// coordinates.
     pub fn describe_under_measured_balls(&self) -> Vec<String> {
         let lines = self.balls.balls.iter().enumerate().filter_map(|(ball, Ball { id, .. })| {

@@ -30,16 +30,21 @@ pub struct PlannedBallMeasurement {
 pub struct LengthConstraint {
     pub from_ball: usize,
     pub to_ball: usize,
+    /// Standard uncertainty of the certified length.
     pub u_mm: f64,
 }
 
 /// Observed values, mm: the ball centres as axis positions, and the certified lengths.
 #[derive(Debug, Clone)]
 pub struct ObservedValues {
+    /// X, Y and Z of the axes with the stylus ball at the centre of the measured ball, one for each measurement.
     pub centre_axes_mm: Vec<Vector3<f64>>,
+    /// Certified lengths.
     pub lengths_mm: Vec<f64>,
 }
 
+/// All measurements as one least-squares problem. Unknowns: machine errors, free stylus coordinates, then the balls
+/// in the order of the groups.
 #[derive(Debug, Clone)]
 pub struct GeometryProblem {
     model: GeometryModel,
@@ -50,7 +55,7 @@ pub struct GeometryProblem {
     groups: Vec<BallGroup>,
     /// Index of the first coordinate of each ball among the unknowns.
     ball_unknowns: Vec<usize>,
-    /// Matrix of each measurement from the table frame to weighted residuals.
+    /// Matrix of each measurement from the table frame to weighted residuals, for the machine without errors.
     whitening_matrices_from_table: Vec<Matrix3<f64>>,
     /// Index of the first row of each measurement, then of each length.
     first_rows: Vec<usize>,
@@ -153,7 +158,7 @@ impl GeometryProblem {
         self.whitening_matrices_from_table[measurement]
     }
 
-    /// Errors and stylus from the unknowns `x`.
+    /// Errors and stylus from the unknowns `x`; coordinates of the stylus that are not free have their stated value.
     fn errors_and_stylus<'x>(&self, x: &'x [f64]) -> (&'x [f64], Vector3<f64>) {
         let (errors, rest) = x.split_at(self.model.parameters().len());
         let mut stylus = self.stated_stylus_mm;
@@ -199,7 +204,7 @@ impl GeometryProblem {
         self.measurements.iter().zip(&measured.centre_axes_mm).map(value).collect()
     }
 
-    /// The tip in the table frame at each rotary position.
+    /// At each rotary position, the tip in the table frame as a function of X, Y and Z.
     fn tip_functions(&self, x: &[f64]) -> Vec<AffineFunctionOfXyz> {
         let (errors, tool) = self.errors_and_stylus(x);
         self.rotary_positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect()
@@ -215,7 +220,8 @@ impl GeometryProblem {
         nominal.zip(self.tip_functions(x)).map(|(nominal, tip)| nominal * tip.linear_part).collect()
     }
 
-    /// Weighted residuals, measured minus model, in the order of the rows.
+    /// Weighted residuals in the order of the rows. Of a measurement: fitted ball centre minus the centre from the
+    /// measured axes; of a length: certified minus fitted.
     pub fn weighted_residuals(&self, x: &[f64], measured: &ObservedValues) -> Vec<f64> {
         let mut residuals = vec![0.0; self.row_count()];
         for (i, tip) in self.centres_from_measured_axes(x, measured).into_iter().enumerate() {

@@ -18,17 +18,22 @@ use machine::{Axis, Position};
 /// does not round.
 const AFFINE_STEP_MM: f64 = 256.0;
 
-/// The machine with its unknown errors.
+/// The kinematics of the machine, its unknown errors, and the conditions under which they are measured.
 #[derive(Debug, Clone)]
 pub struct GeometryModel {
     chain: KinematicChain,
+    /// The unknown machine errors.
     parameters: Vec<ErrorParameter>,
+    /// Rotary axes that stay at zero.
     fixed_axes: Vec<Axis>,
+    /// Directions of the certified lengths, unit vectors, table frame.
     length_directions: Vec<Vector3<f64>>,
     free_stylus_coordinates: Vec<usize>,
 }
 
 impl GeometryModel {
+    /// Model with exactly these errors, without fixed axes; a certified length along X is assumed.
+    ///
     /// # Errors
     /// The kinematics of the machine cannot be built; an error belongs to an axis that the machine does not
     /// have.
@@ -155,9 +160,10 @@ pub struct IndexationModel {
     pub stylus_derivatives: Matrix3<f64>,
 }
 
-/// A point of the table frame as an affine function of X, Y, Z.
+/// A point of the table frame, or its derivative by an error, as an affine function of X, Y, Z.
 #[derive(Debug, Clone, Copy)]
 pub struct AffineFunctionOfXyz {
+    /// Value at X = Y = Z = 0.
     value_at_origin: Vector3<f64>,
     /// Derivative of the point by X, Y, Z: ∂/∂(X, Y, Z).
     pub linear_part: Matrix3<f64>,
@@ -186,8 +192,8 @@ pub fn length_at_its_temperature_mm(length: &CertifiedLength) -> f64 {
     length.mm * (1.0 + length.expansion_um_per_m_k * 1e-6 * kelvin)
 }
 
-/// Standard uncertainty of the certified length, mm, with a lower bound so that its row does not dominate the
-/// others numerically.
+/// Standard uncertainty of the certified length from certificate and temperature, mm, with a lower bound so that its
+/// row does not dominate the others numerically.
 pub fn length_u_mm(length: &CertifiedLength) -> f64 {
     let [certificate, temperature] = certificate_and_temperature_u_mm(length);
     certificate.hypot(temperature).max(1e-6)

@@ -19,18 +19,23 @@ use machine::record::artefact::{Balls, CertifiedLength};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
+/// The solved equations of a run, without the uncertainty of the solution.
 pub struct GeometrySolution<'a> {
     pub plan: &'a Plan,
     pub settings: &'a SambaSettings,
+    /// Measured ball centres; their ball indices refer to `balls`. The spheres are fitted on the identified machine.
     pub observed: ObservedBalls,
-    /// The balls that were measured.
+    /// The balls that were measured, and the certified lengths between them.
     pub balls: Balls,
     pub problem: GeometryProblem,
     pub sources: Vec<UncertaintySource>,
-    /// Names of all unknowns.
+    /// Names of all unknowns, in the order of the unknowns.
     pub unknown_names: Vec<String>,
+    /// Rank analysis of the equations at the initial values, for measurements without noise.
     pub rank_analysis: RankAnalysis,
+    /// Observed values of the final fit, from the spheres fitted on the identified machine.
     pub measured: ObservedValues,
+    /// Solution of the final fit; its residuals are weighted.
     pub minimum: NonlinearSolution,
 }
 
@@ -89,6 +94,7 @@ impl GeometrySolution<'_> {
     }
 }
 
+/// Ball centres as axis positions, and the certified lengths at their temperature, mm.
 pub fn observed_values(observed: &ObservedBalls, lengths: &[CertifiedLength]) -> ObservedValues {
     ObservedValues {
         centre_axes_mm: observed.centres.iter().map(|centre| centre.centre_axis_positions_mm).collect(),
@@ -132,8 +138,8 @@ fn build_model(plan: &Plan, settings: &SambaSettings, balls: &Balls) -> Result<G
     Ok(GeometryModel::for_plan(chain, plan, settings, balls)?)
 }
 
-/// The artefact without the balls that were not measured and their lengths; they are reported in
-/// `skipped_measurements`.
+/// The artefact without the balls that were not measured and their lengths; these balls are added to
+/// `skipped_measurements`. The ball indices of `observed` are renumbered.
 fn remove_unmeasured_balls(stated: &Balls, observed: &mut ObservedBalls) -> Balls {
     let is_measured = |ball: usize| observed.centres.iter().any(|centre| centre.ball_index == ball);
     let kept: Vec<usize> = (0..stated.balls.len()).filter(|ball| is_measured(*ball)).collect();

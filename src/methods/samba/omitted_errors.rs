@@ -12,6 +12,7 @@ pub struct OmittedError {
     pub error: ErrorParameter,
     /// Unknowns from which the error is inseparable. `None`: the error is separable, but was not selected.
     confounding: Option<Confounding>,
+    /// Reason why the axis does not move. Empty: the axis moves, or no reason is known.
     reason: &'static str,
 }
 

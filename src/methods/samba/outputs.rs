@@ -112,7 +112,8 @@ fn describe_weakest_direction(solved: &GeometrySolution<'_>) -> Option<String> {
     })
 }
 
-/// Location errors that are equivalent to reported errors.
+/// Names of the location errors that are equivalent to reported errors: those that are neither identified nor in
+/// `omitted`.
 fn redundant_location_errors(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Vec<String> {
     let model = solved.problem.model();
     let reported = omitted.iter().map(|omitted| omitted.error);

@@ -33,7 +33,9 @@ pub enum SpindleOrientMode {
     /// Oriented by the control if the machine file declares an axis S, otherwise fixed.
     #[default]
     Auto,
+    /// Oriented by the control; refused if the machine file declares no axis S.
     Orient,
+    /// Not turned by the design, even if the machine file declares an axis S.
     Fixed,
 }
 
@@ -68,9 +70,9 @@ pub struct SambaSettings {
     pub touches: usize,
     /// Whether one ball is measured again at the start, the middle and the end, to detect drift.
     pub references: bool,
-    /// Clearance before the expected contact of a slow touch.
+    /// Clearance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
-    /// Maximum travel of a slow touch beyond the expected contact.
+    /// Maximum travel of a slow touch beyond the expected contact, mm.
     pub search_mm: f64,
     /// Maximum form deviation of one ball measurement (largest minus smallest residual of the fitted sphere), µm.
     /// Above it the ball is measured again; if the repeated value is above it too, the run is held.

@@ -53,8 +53,8 @@ fn describe_sag_errors(solved: &GeometrySolution<'_>) -> String {
     format!(". Sag of the table under the tilt of {tilting} would appear in {}", names.join(", "))
 }
 
-/// Warnings of balls with a large form error, and of diameters that differ from the stated ones. The common
-/// difference of all balls is pre-travel and is subtracted.
+/// Warnings of balls with a large form error, and of diameters that differ from the stated ones. The median
+/// difference of all measurements is pre-travel and is subtracted.
 fn ball_form_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
     let centres = &solved.observed.centres;
     let stylus = solved.plan.probe.ball_radius_mm;

@@ -8,7 +8,8 @@ use machine::record::estimate::{BudgetLine, Estimate, Parameter, Unit};
 
 const MM_PER_UM: f64 = 1e-3;
 
-/// Adds X and Y of the axis, at the heights of its location errors. X and Y do not change when `point_mm` is corrected.
+/// Adds X and Y of the measured axis in machine coordinates, at the mean height of the touches. X and Y do not change
+/// when `point_mm` is corrected.
 pub fn add_axis_position(parts: &SolvedRun<'_>, estimate: &mut Estimate) {
     let mean = parts.setup.heights_in_machine_mm.iter().sum::<f64>() / parts.setup.heights_in_machine_mm.len() as f64;
     let stated = parts.setup.axis.axis_point_at_height(mean);

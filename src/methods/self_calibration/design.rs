@@ -13,15 +13,17 @@ use crate::MethodRefusal;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AngleGridTouch {
     pub test: CalibrationTest,
-    /// Index of the table angle C.
+    /// Index of the table angle C: positive if the table turns clockwise seen from +Z (ISO 841).
     pub c_index: usize,
     /// Index of the probe angle φ in the machine frame.
     pub phi_index: usize,
 }
 
+/// Part of the cycle to which a touch belongs: a test of paper 1, or a round of drift references.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CalibrationTest {
-    /// Test 1 with the given probe angle: 0 is 1a, 1 is 1b, 2 is 1c.
+    /// Test 1: the part turns, the probe stays at the probe angle with this index in
+    /// [`AngleGridDesign::probe_angle_indices`]. 0 is 1a, 1 is 1b, 2 is 1c.
     Test1(usize),
     /// Test 2: the probe moves around the part at rest.
     Test2,
@@ -49,8 +51,9 @@ impl CalibrationTest {
 /// The angles that each test touches; they separate the unknowns.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AngleGridDesign {
+    /// Number N of equal angles in one revolution, for table and probe alike.
     pub angle_count: usize,
-    /// Probe angles of Test 1, as indices; the first is 0.
+    /// Probe angles of Test 1, as grid indices; the first is 0. Each is one series of N touches.
     pub probe_angle_indices: Vec<usize>,
 }
 
@@ -111,7 +114,7 @@ impl AngleGridDesign {
         TAU * index as f64 / self.angle_count as f64
     }
 
-    /// Grid index of the workpiece angle of a touch.
+    /// Grid index of the workpiece angle of a touch, from the indices of table and probe angle.
     pub fn theta_index(&self, c: usize, phi: usize) -> usize {
         (c + phi) % self.angle_count
     }
@@ -129,6 +132,7 @@ impl AngleGridDesign {
         touches
     }
 
+    /// The touch number `i`, from 0, of a test; of a reference the touch at probe index `i`.
     fn touch_at_position(&self, test: CalibrationTest, i: usize) -> AngleGridTouch {
         let (c_index, phi_index) = match test {
             CalibrationTest::Test1(probe) => (i, self.probe_angle_indices[probe]),
@@ -147,6 +151,7 @@ impl AngleGridDesign {
     }
 }
 
+/// 0 and one grid step; also 90° if `n` is a multiple of 4 above 4.
 fn default_probe_angle_indices(n: usize) -> Vec<usize> {
     if n.is_multiple_of(4) && n > 4 { vec![0, 1, n / 4] } else { vec![0, 1] }
 }

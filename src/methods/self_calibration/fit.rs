@@ -20,12 +20,14 @@ const DERIVATIVE_STEP_MM: f64 = 1e-3;
 /// The fit of one set of observations.
 pub struct SelfCalibrationFit {
     pub layout: UnknownsLayout,
+    /// Observations in the order of the rows.
     pub observations: Vec<RadiusObservation>,
     /// Standard uncertainty of each radius, mm.
     pub sigma: Vec<f64>,
     pub design_matrix: Mat<f64>,
     /// Solution without second-order correction.
     pub solution: LinearSolution,
+    /// `None`: the correction is switched off.
     pub second_order: Option<SecondOrderCorrection>,
     /// The unknowns, including the second-order correction.
     pub x: Vec<f64>,
@@ -82,7 +84,7 @@ impl SelfCalibrationFit {
         x
     }
 
-    /// Residuals of the corrected radii, mm.
+    /// Radii with the second-order terms of the solution, minus model, mm.
     pub fn residuals(&self) -> Vec<f64> {
         let x = Mat::from_fn(1, self.x.len(), |_, j| self.x[j]);
         let mut radii = Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].along_ray_mm);
@@ -93,6 +95,8 @@ impl SelfCalibrationFit {
         radii.row(0).iter().zip(model).map(|(radius, model)| radius - model).collect()
     }
 
+    /// Quality of the fit without second-order correction, except the RMS, which is that of `residuals`. The gauge
+    /// constraints reduce the number of unknowns.
     pub fn quality_of_fit(&self, residuals: &[f64]) -> FitQuality {
         let unknowns = self.layout.unknown_count() - self.layout.gauge_matrix().nrows();
         FitQuality {
@@ -128,7 +132,8 @@ impl<'a> FitWithSensitivity<'a> {
         Self { fit, sensitivity: fit.sensitivity() }
     }
 
-    /// The fit without second-order correction.
+    /// The fit for leverage and changes of residuals: at the corrected solution, but with the gain of the solution
+    /// without second-order correction.
     fn solved_linear_fit(&self) -> SolvedLinearFit<'_> {
         let SelfCalibrationFit { x, design_matrix, sigma, solution, .. } = self.fit;
         SolvedLinearFit { x, design_matrix, sigma, gain: &solution.gain }

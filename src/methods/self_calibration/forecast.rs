@@ -52,8 +52,8 @@ pub fn forecast_results(setup: &SelfCalibrationSetup<'_>, machine_s: f64) -> Res
         .collect())
 }
 
-/// Suggests a number of positions if the grid does not separate the declared error motion orders of the axis from
-/// its location.
+/// Text that suggests more positions, a multiple of 4, if the grid of `n` angles does not separate the declared error
+/// motion orders of the axis from its location. `None`: the grid separates them, or no number up to 72 does.
 fn suggest_position_count(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
     let orders = &plan.machine.axes.get(&axis)?.error_motion_orders;
     let is_lost = |n: usize| orders.iter().any(|order| (*order as usize).is_multiple_of(n));
@@ -78,7 +78,7 @@ pub fn unchecked_step_ids(setup: &SelfCalibrationSetup<'_>) -> Result<Vec<u32>, 
     Ok(setup.plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
 }
 
-/// The touches of the plan, with a declared repeatability.
+/// The plan without prompts and interruption times, with an assumed repeatability if none is declared.
 fn forecast_plan(plan: &Plan) -> Plan {
     let mut declared = plan_with_assumed_repeatability(plan);
     declared.steps.retain(|step| step.text.is_none());
@@ -87,6 +87,7 @@ fn forecast_plan(plan: &Plan) -> Plan {
     declared
 }
 
+/// One reading at the start of each touch for each of the `repeats` passes.
 fn nominal_readings(setup: &SelfCalibrationSetup<'_>) -> Vec<Reading> {
     let touches = setup.plan.steps.iter().filter(|step| step.scan.is_none() && step.text.is_none());
     let touches: Vec<Reading> = touches.map(reading_at_touch_start).collect();

@@ -77,7 +77,9 @@ pub struct FittedRun {
     pub fit: SelfCalibrationFit,
     pub sources: Vec<UncertaintySource>,
     pub outputs: IdentificationOutputs,
+    /// Whether the readings have times.
     has_times: bool,
+    /// Number of readings that are not used: too few directions were touched between their interruptions.
     short_segment_reading_count: usize,
 }
 

@@ -47,6 +47,7 @@ pub fn remove_interruptions(
     Ok((gaps, short_segment_reading_count))
 }
 
+/// Number of different probe angles.
 fn direction_count(observations: &[RadiusObservation]) -> usize {
     let mut angles: Vec<usize> = observations.iter().map(|observation| observation.phi_index).collect();
     angles.sort_unstable();
@@ -54,8 +55,8 @@ fn direction_count(observations: &[RadiusObservation]) -> usize {
     angles.len()
 }
 
-/// Shifts each segment to begin one touch after the end of the segment before. Returns the times between the
-/// segments.
+/// Shifts each segment to begin one mean touch interval after the end of the segment before. Returns the middle times
+/// between the segments.
 fn join_segments(segments: &mut [Vec<RadiusObservation>]) -> Vec<f64> {
     let span = |observations: &[RadiusObservation]| {
         let times = || observations.iter().map(|observation| observation.relative_time);

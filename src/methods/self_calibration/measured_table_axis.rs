@@ -14,6 +14,8 @@ use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
 
+/// The measured axis: of the rotary axes that carry the workpiece and are along Z at the configured positions, the
+/// one next to the workpiece. With the geometry for its touches.
 pub struct MeasuredTableAxis {
     pub axis: Axis,
     pub stated_axis: StatedAxis,
@@ -21,8 +23,10 @@ pub struct MeasuredTableAxis {
     pub clockwise_sign: f64,
     /// Positions of all rotary axes except S in the measurement, with the measured axis at zero.
     pub rotary_position_with_axis_at_zero: Position,
+    /// Line of the stated axis, machine frame.
     line: AxisLine,
     chain: KinematicChain,
+    /// Stated centre of the stylus ball.
     stylus_tip: Point<SpindleFrame>,
     /// Pose of the table with all rotary axes at `rotary_position_with_axis_at_zero`.
     table_pose: Pose,
@@ -72,14 +76,14 @@ impl MeasuredTableAxis {
         )
     }
 
-    /// Point of the stated axis at the height `z`.
+    /// Point of the stated axis at the height `z`, machine frame, mm.
     pub fn axis_point_at_height(&self, z: f64) -> Vector3<f64> {
         let AxisLine { point, direction, .. } = self.line;
         let along = (z - point.z) / direction.z;
         Vector3::new(point.x + along * direction.x, point.y + along * direction.y, z)
     }
 
-    /// `point_mm` of an axis that is displaced from the stated one by `off`.
+    /// `point_mm` in the machine file of an axis that is displaced from the stated one by `off` (machine frame, mm).
     pub fn displaced_axis_point_mm(&self, off: Vector3<f64>) -> Vector3<f64> {
         Vector3::from(self.stated_axis.point_mm) + self.line.carrier_pose.rotation.inverse() * off
     }
@@ -98,7 +102,7 @@ impl MeasuredTableAxis {
         Ok(linear.filter_axes(Axis::is_linear))
     }
 
-    /// Ball centre of a reading by the linear axes alone, with the measured axis at zero, mm.
+    /// Ball centre of a reading by the linear axes alone, with the measured axis at zero, machine frame, mm.
     pub fn ball_centre(&self, step: &Step, reading: &Reading) -> Vector3<f64> {
         let position = step.from.updated_by(&reading.position);
         let position = position.updated_by(&Position::new().with(self.axis, 0.0));
@@ -106,7 +110,7 @@ impl MeasuredTableAxis {
         self.table_pose.transform_point(&on_table.into()).coords
     }
 
-    /// The ball centre without the displacement of the table by the `known_motions` of this axis.
+    /// The ball centre, machine frame, mm, without the displacement of the table by the `known_motions` of this axis.
     pub fn corrected_ball_centre(
         &self,
         step: &Step,
@@ -134,12 +138,12 @@ impl MeasuredTableAxis {
         }
     }
 
-    /// Converts a part from the table frame to the machine frame.
+    /// Converts a part from the table frame to the machine frame, with the measured axis at zero.
     pub fn part_in_machine_frame(&self, part: &Cylinder) -> Cylinder {
         transform_part(part, &self.table_pose)
     }
 
-    /// Converts a part from the machine frame to the table frame.
+    /// Converts a part from the machine frame, with the measured axis at zero, to the table frame.
     pub fn part_in_table_frame(&self, standing: &Cylinder) -> Cylinder {
         transform_part(standing, &self.table_pose.inverse())
     }

@@ -20,10 +20,13 @@ use machine::Axis;
 pub struct RadiusObservation {
     /// Id of the step of the reading.
     pub step_id: u32,
+    /// Index of the nearest measuring height.
     pub height_index: usize,
+    /// Grid index of the planned table angle, positive if the table turns clockwise seen from +Z (C by ISO 841).
     pub c_index: usize,
+    /// Grid index of the probe angle φ, machine frame.
     pub phi_index: usize,
-    /// Position of the ball centre along the ray, mm.
+    /// Distance of the ball centre from the stated axis, along the ray, mm.
     pub along_ray_mm: f64,
     /// Position of the ball centre across the ray, counter-clockwise positive, mm.
     pub across_ray_mm: f64,
@@ -38,9 +41,10 @@ pub struct RadiusObservation {
 pub struct UnknownsLayout {
     pub design: AngleGridDesign,
     pub height_count: usize,
+    /// Highest power of time in the drift. 0: no drift is fitted.
     pub drift_order: usize,
-    /// Times of the interruptions, as `Observation::relative_time`. A step is fitted at each, as the motion of the
-    /// machine during an interruption is unknown.
+    /// Times of the interruptions, on the scale of [`RadiusObservation::relative_time`]. A step is fitted at each, as
+    /// the motion of the machine during an interruption is unknown.
     pub interruption_times: Vec<f64>,
 }
 
@@ -57,26 +61,32 @@ impl UnknownsLayout {
             + DRIFTING_QUANTITIES.len() * (self.drift_order + self.interruption_times.len())
     }
 
+    /// Index of R, the radius of the part plus that of the stylus ball, at a height.
     pub fn radius_index(&self, height: usize) -> usize {
         height * self.unknowns_per_height()
     }
 
+    /// Index of the displacement of the table along X (E_XC,total) at a table angle.
     pub fn ex_index(&self, height: usize, c: usize) -> usize {
         self.radius_index(height) + 1 + c
     }
 
+    /// Index of the displacement of the table along Y (E_YC,total) at a table angle.
     pub fn ey_index(&self, height: usize, c: usize) -> usize {
         self.ex_index(height, c) + self.design.angle_count
     }
 
+    /// Index of E_r, the radial error of X and Y, at a probe angle.
     pub fn linear_axes_radial_error_index(&self, height: usize, phi: usize) -> usize {
         self.ey_index(height, phi) + self.design.angle_count
     }
 
+    /// Index of W, the radial deviation of the flank, at a workpiece angle.
     pub fn flank_form_index(&self, height: usize, theta: usize) -> usize {
         self.linear_axes_radial_error_index(height, theta) + self.design.angle_count
     }
 
+    /// Index of the drift of one quantity with this power of time, from 1 on.
     fn drift_index(&self, quantity: usize, power: usize) -> usize {
         self.height_count * self.unknowns_per_height() + quantity * self.drift_order + power - 1
     }

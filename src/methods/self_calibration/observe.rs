@@ -15,11 +15,12 @@ use planning::SafeHeights;
 /// The observations of all readings of a run, with their common data.
 pub struct ObservedReadings {
     pub observations: Vec<RadiusObservation>,
-    /// Half the duration of the measurement, without interruptions, s: the unit of `Observation::relative_time`.
+    /// Half the duration of the measurement, without interruptions, s: the unit of
+    /// [`RadiusObservation::relative_time`].
     pub half_duration_s: f64,
     /// Whether the readings have times. If not, their order and the planned machine time are used.
     pub has_times: bool,
-    /// Times of the interruptions, as `Observation::relative_time`.
+    /// Times of the interruptions, on the scale of [`RadiusObservation::relative_time`].
     pub interruption_times: Vec<f64>,
     /// Number of readings that are not used: too few directions were touched between their interruptions.
     pub short_segment_reading_count: usize,
@@ -78,6 +79,8 @@ fn planned_duration_s(plan: &Plan) -> f64 {
         .map_or(5.0 * plan.steps.len() as f64, |(_, seconds)| seconds)
 }
 
+/// The observation of a reading, without the known error motions. The grid indices follow from the planned angles.
+/// Error: the table was not at the planned angle, or the step is not on the grid.
 fn reduce_reading(
     setup: &SelfCalibrationSetup<'_>,
     step: &Step,
@@ -136,7 +139,8 @@ fn nearest_height_index(heights: &[f64], z: f64) -> usize {
     (0..heights.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
 }
 
-/// Scales the times to −1 … 1 around the middle of the measurement. Returns half its duration, s.
+/// Scales the times to −1 … 1 around the middle of the measurement. Returns half its duration, s; if all times are
+/// equal, 0, and all times become 0.
 fn scale_times(observations: &mut [RadiusObservation], interruption_times: &mut [f64]) -> f64 {
     let times = || observations.iter().map(|observation| observation.relative_time);
     let first = times().fold(f64::INFINITY, f64::min);

@@ -1,8 +1,7 @@
-//! The identification exactly as the paper describes it (paper 1, Eqs. 1–4 with the erratum of METHODS section 1):
-//! 4N differences to the first touch of Test 1a, boundary conditions 1–3, all differences taken as independent. It
+//! The identification exactly as the paper describes it (paper 1, Eqs. 1–4 with the erratum of METHODS section 1): 4N
+//! differences to the first touch of Test 1a, boundary conditions 1–3, all differences taken as independent. It
 //! serves as a test gate and as a comparison with the estimate. The estimate of `trued` starts from the raw readings,
-//! because these
-//! differences share one reference.
+//! because these differences share one reference.
 
 use faer::Mat;
 
@@ -15,10 +14,13 @@ use estimation::linear_least_squares::{self, LinearError, LinearProblem, LinearS
 
 /// Linear system of the paper for a design. The paper's own design has one probe angle φ_b in addition to 0.
 pub struct PaperSystem {
+    /// Layout of the unknowns with R: the column of an unknown in this system is its index in the layout minus 1.
     pub layout: UnknownsLayout,
+    /// Touches of the cycle in measuring order, without references. The first is the reference of all differences.
     pub touches: Vec<AngleGridTouch>,
     /// Design matrix, 4N × 4N: unknowns as in [`UnknownsLayout`] without R.
     pub design_matrix: Mat<f64>,
+    /// Gauge conditions as rows of C·x = 0, for the unknowns of the design matrix.
     pub gauge: Mat<f64>,
 }
 
@@ -48,8 +50,8 @@ impl PaperSystem {
         })
     }
 
-    /// E_X0C and E_Y0C (mm) as in the paper, from the first reading at each of its positions. `None`: a position has no
-    /// reading.
+    /// E_X0C and E_Y0C (mm) as in the paper, from the first reading at each of its positions at the first height.
+    /// `None`: a position has no reading, or the system is not solvable.
     pub fn axis_position(&self, observations: &[RadiusObservation]) -> Option<[f64; 2]> {
         let radius = |t: &AngleGridTouch| {
             let is_same =

@@ -13,14 +13,15 @@ use machine::{Axis, Position};
 /// Prefix of the labels of the locating touches, which are not used for identification.
 pub const LOCATE_LABEL_PREFIX: &str = "locate/";
 
-/// Whether the step touches the top face, which does not depend on the axis.
+/// Whether the step touches the top face. Its reading does not depend on the measured axis and is not an observation.
 pub fn is_top_touch(step: &Step) -> bool {
     step.normal[2] > 0.5
 }
 
 impl SelfCalibrationSetup<'_> {
-    /// Search touches, one on the top of the part and four around it, as long as the stated position uncertainty
-    /// requires. The first three confirm the position of the machine. The steps are not numbered yet.
+    /// Search touches, one on the top of the part (if the settings require it) and four around it, as long as the
+    /// stated position uncertainty requires. The first three confirm the position of the machine. The steps are not
+    /// numbered yet.
     pub fn locating_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
         let uncertainty_mm = self.stated_part.uncertainty_mm;
         let part = self.nominal_part();
@@ -46,7 +47,7 @@ impl SelfCalibrationSetup<'_> {
         top.into_iter().chain(round).collect()
     }
 
-    /// Position of the ball centre on the top face.
+    /// Position of the ball centre on the top face, machine frame with the measured axis at zero, mm.
     fn top_contact_position(&self, part: PartGeometry) -> Vector3<f64> {
         let [x, y] = self.settings.z_reference_at_mm;
         Vector3::new(part.centre_mm[0] + x, part.centre_mm[1] + y, part.ball_centre_z_at_top_mm)

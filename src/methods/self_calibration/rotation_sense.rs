@@ -8,8 +8,10 @@ use crate::identification::dot_product;
 /// Result of the check of the stated sense of the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RotationSenseCheck {
+    /// The stated sense explains the readings far better than the opposite one.
     Confirmed,
-    /// Both senses explain the readings: the part is too round and centred, or the design has too few touches.
+    /// Neither sense explains the readings far better: the part is too round and centred, or the design has too few
+    /// touches.
     NotConfirmed,
     /// The opposite sense explains the readings far better.
     Contradicted,
@@ -36,6 +38,7 @@ pub fn check_rotation_sense(fit: &SelfCalibrationFit) -> RotationSenseCheck {
     }
 }
 
+/// Root of the sum of squares of the error motion in X and Y over all angles, first height, mm.
 fn error_motion_norm(layout: &UnknownsLayout, x: &[f64]) -> f64 {
     let at = |i| [false, true].map(|along_y| dot_product(&error_motion_coefficients(layout, 0, i, along_y), x).powi(2));
     (0..layout.design.angle_count).flat_map(at).sum::<f64>().sqrt()

@@ -10,6 +10,7 @@ use super::model::{RadiusObservation, UnknownsLayout};
 use super::outputs::scale_and_squareness_coefficients;
 use estimation::trigonometric_interpolation::TrigonometricInterpolant;
 
+/// Coefficients of the second-order terms of all observations, independent of the unknowns.
 pub struct SecondOrderCorrection {
     pub contacts: Vec<ObservationContact>,
     pub heights: Vec<LinearFormsAtHeight>,
@@ -18,12 +19,14 @@ pub struct SecondOrderCorrection {
 /// Contact of one observation.
 pub struct ObservationContact {
     pub height_index: usize,
+    /// Outward unit vector along the ray, machine frame.
     pub normal: Vector3<f64>,
     /// Indices of the unknowns E_x and E_y.
     pub ex_index: usize,
     pub ey_index: usize,
     /// Grid angle on the part.
     pub theta_index: usize,
+    /// Measured position of the ball centre across the ray, counter-clockwise positive, mm.
     pub across_ray_mm: f64,
 }
 
@@ -81,8 +84,8 @@ impl ObservationContact {
             contact_normal_x: self.normal.x,
             contact_normal_y: self.normal.y,
             across_ray_mm: self.across_ray_mm,
-            axis_motion_x_mm: x.col_as_slice(self.ex_index),
-            axis_motion_y_mm: x.col_as_slice(self.ey_index),
+            table_displacement_x_mm: x.col_as_slice(self.ex_index),
+            table_displacement_y_mm: x.col_as_slice(self.ey_index),
             form_slope: form(self.theta_index),
             scale_difference: form(scale_index),
             squareness: form(scale_index + 1),
@@ -98,14 +101,18 @@ struct SecondOrderTerms<'a> {
     contact_normal_x: f64,
     contact_normal_y: f64,
     across_ray_mm: f64,
-    axis_motion_x_mm: &'a [f64],
-    axis_motion_y_mm: &'a [f64],
+    /// E_x, the displacement of the table along X at the table angle of the touch, one value per trial.
+    table_displacement_x_mm: &'a [f64],
+    /// E_y, one value per trial.
+    table_displacement_y_mm: &'a [f64],
     /// W′, mm/rad.
     form_slope: &'a [f64],
-    /// Scale difference and squareness for R = 1 mm.
+    /// Scale difference of X and Y for R = 1 mm, that is multiplied by R.
     scale_difference: &'a [f64],
+    /// Squareness of X and Y for R = 1 mm, that is multiplied by R.
     squareness: &'a [f64],
     inverse_radius_per_mm: &'a [f64],
+    /// Radius of the observation in each trial, mm: the terms are added.
     radii: &'a mut [f64],
 }
 
@@ -117,7 +124,7 @@ impl WithSimd for SecondOrderTerms<'_> {
         let Self { contact_normal_x: cos, contact_normal_y: sin, across_ray_mm: lateral_mm, radii, .. } = self;
         let (squared, mixed) = (sin * sin, sin * cos);
         let trials = radii.len();
-        let (ex, ey) = (&self.axis_motion_x_mm[..trials], &self.axis_motion_y_mm[..trials]);
+        let (ex, ey) = (&self.table_displacement_x_mm[..trials], &self.table_displacement_y_mm[..trials]);
         let form_slope = &self.form_slope[..trials];
         let (scale_difference, squareness) = (&self.scale_difference[..trials], &self.squareness[..trials]);
         let inverse_radius_per_mm = &self.inverse_radius_per_mm[..trials];

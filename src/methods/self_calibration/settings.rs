@@ -36,9 +36,11 @@ pub struct SelfCalibrationSettings {
     pub other_rotary_positions: Position,
     /// Whether to locate the part first, by four search touches around it, and one on its top if `z_reference` is set.
     pub locate: bool,
-    /// Whether to touch the part at 0°, 90° and 180° between the tests, to measure drift.
+    /// Whether to touch the part at the probe angles 0°, 90° and 180° (or the nearest grid angles) before the first
+    /// test and after each, to measure drift.
     pub references: bool,
-    /// Whether to touch the top face of the part with each round of references, to measure drift of Z.
+    /// Whether to touch the top face of the part when the part is located, and with each round of references to
+    /// measure drift of Z.
     pub z_reference: bool,
     /// Position of the touch on the top face relative to the part's axis in X and Y with the axis at 0, mm. Required if
     /// the part has a bore, for example.
@@ -47,11 +49,11 @@ pub struct SelfCalibrationSettings {
     pub drift_order: usize,
     /// Whether to correct for touches off the radial line (METHODS section 1, second order).
     pub second_order: bool,
-    /// Number of passes of the complete cycle.
+    /// Number of passes of the complete cycle. Touches that no other touch checks are then measured once more.
     pub repeats: u32,
-    /// Clearance before the expected contact.
+    /// Clearance before the expected contact, mm.
     pub standoff_mm: f64,
-    /// Overtravel of a touch beyond the expected contact.
+    /// Overtravel of a touch beyond the expected contact, mm.
     pub search_mm: f64,
     /// Number of Monte Carlo trials. 0: adaptive as in JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
@@ -101,7 +103,8 @@ impl SelfCalibrationSettings {
         MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 
-    /// Checks that the touches reach the part at every position within its uncertainty.
+    /// Checks that the touches of flank and top reach the part at every position within its uncertainty, and that the
+    /// part is upright.
     fn check_reach(&self, part: &Cylinder) -> Result<(), MethodRefusal> {
         let Cylinder { uncertainty_mm, axis, radius_mm, .. } = part;
         MethodRefusal::require(

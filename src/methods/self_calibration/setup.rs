@@ -15,7 +15,7 @@ pub struct SelfCalibrationSetup<'a> {
     pub settings: &'a SelfCalibrationSettings,
     pub design: AngleGridDesign,
     pub axis: MeasuredTableAxis,
-    /// The part of the plan at its position with the axis at zero.
+    /// The part of the plan at its position with the measured axis at zero, machine frame.
     pub stated_part: Cylinder,
     /// Heights of the touches in the machine frame, mm.
     pub heights_in_machine_mm: Vec<f64>,
@@ -26,10 +26,11 @@ pub struct SelfCalibrationSetup<'a> {
 /// Position and size of the part: centre with the axis at zero, radius of the ball centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PartGeometry {
+    /// X and Y of the part with the measured axis at zero, machine frame.
     pub centre_mm: [f64; 2],
     /// Radius of the part plus radius of the ball.
     pub contact_radius_mm: f64,
-    /// Z of the centre of the stylus ball in contact with the top face.
+    /// Z of the centre of the stylus ball in contact with the top face, machine frame.
     pub ball_centre_z_at_top_mm: f64,
 }
 

@@ -49,9 +49,8 @@ fn source_absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> Uncertainty
 }
 
 /// Error motions of the measured axis: the uncertainty of the known error motions, and the declared error motions at
-/// orders that are multiples of N. Orders that are multiples of N look like the location of the axis at N equally
-/// spaced angles
-/// (METHODS section 1). If the declared motion has no orders, all of it counts. All other error motions are measured.
+/// orders that are multiples of N. Such orders look like the location of the axis at N equally spaced angles (METHODS
+/// section 1). If the declared motion has no orders, all of it counts. All other error motions are measured.
 pub fn rotary_axis_sources(
     setup: &SelfCalibrationSetup<'_>,
     layout: &UnknownsLayout,
@@ -107,8 +106,9 @@ struct MeasuredTouches<'a> {
     observations: &'a [RadiusObservation],
     /// Directions of the rays.
     normals: Vec<Vector3<f64>>,
-    /// Contact points relative to the axis at the mean height, where its location is reported.
-    contact_points_mm: Vec<Vector3<f64>>,
+    /// Centres of the stylus ball in contact, relative to the axis at the mean height, where its location is
+    /// reported.
+    stylus_centres_mm: Vec<Vector3<f64>>,
 }
 
 impl<'a> MeasuredTouches<'a> {
@@ -120,11 +120,11 @@ impl<'a> MeasuredTouches<'a> {
             n * s.along_ray_mm + Vector3::z() * (heights[s.height_index] - mean)
         };
         let points = observations.iter().zip(&normals).map(point).collect();
-        Self { plan, observations, normals, contact_points_mm: points }
+        Self { plan, observations, normals, stylus_centres_mm: points }
     }
 
-    /// Offset of the stylus from its stated position. If the spindle follows the probe angle, the offset changes only
-    /// R.
+    /// Offset of the stylus from its stated position, in X and in Y. If the spindle follows the probe angle, the
+    /// offset changes only R.
     fn stylus_offset_columns(&self, spindle: SpindleMode) -> Vec<Vec<f64>> {
         let u = stylus_offset_u_mm(self.plan);
         match spindle {
@@ -162,10 +162,10 @@ impl<'a> MeasuredTouches<'a> {
     fn angular_motion_columns(&self) -> Vec<Vec<f64>> {
         let column = |(error, angles): (ErrorParameter, Vec<f64>)| {
             let about = error.component().nominal_direction();
-            let along = self.contact_points_mm.iter().zip(&self.normals).map(|(p, n)| about.cross(p).dot(n));
+            let along = self.stylus_centres_mm.iter().zip(&self.normals).map(|(p, n)| about.cross(p).dot(n));
             along.zip(angles).map(|(along, angle)| along * angle).collect()
         };
-        angular_motion_patterns(self.plan, &self.contact_points_mm).into_iter().map(column).collect()
+        angular_motion_patterns(self.plan, &self.stylus_centres_mm).into_iter().map(column).collect()
     }
 
     /// Positioning and straightness errors of X, Y and Z along the ray. Those of Z are relative to the mean height.
@@ -173,7 +173,7 @@ impl<'a> MeasuredTouches<'a> {
         let along_ray = |pattern: &[f64], k: usize| -> Vec<f64> {
             pattern.iter().zip(&self.normals).map(|(value, n)| -value * n[k]).collect()
         };
-        let patterns = linear_motion_patterns(self.plan, &self.contact_points_mm);
+        let patterns = linear_motion_patterns(self.plan, &self.stylus_centres_mm);
         patterns.iter().flat_map(|pattern| [0, 1].map(|k| along_ray(pattern, k))).collect()
     }
 }

@@ -41,7 +41,7 @@ impl Dialect {
             .map_err(|reason| DialectError::InvalidFolder { folder: name.to_owned(), reason: reason.to_string() })
     }
 
-    /// The names of all dialects, in alphabetical order.
+    /// The names of all embedded dialects, in alphabetical order.
     pub fn names() -> Vec<&'static str> {
         let mut names: Vec<_> = DIALECT_FOLDERS.dirs().filter_map(|dir| dir.path().to_str()).collect();
         names.sort_unstable();
@@ -108,14 +108,16 @@ impl Dialect {
         self.options.probe_off_command.is_some()
     }
 
-    /// Time after the head until the switched devices are ready, s; `None` if the head switches nothing.
+    /// Time after the head until the switched devices are ready, s: the longest one. `None` if the head switches
+    /// nothing.
     pub fn settling_time_after_head_s(&self) -> Option<f64> {
         let probe = self.options.probe_on_command.iter().map(|_| PROBE_SWITCH_ON_TIME_S);
         let clamps = self.options.clamps.values().map(|clamp| clamp.wait_s);
         probe.chain(clamps).reduce(f64::max)
     }
 
-    /// Total waiting time of the clamps in the lines of `motion`, s.
+    /// Total waiting time of the clamps in the lines of `motion`, s: opening and closing for each clamped axis that a
+    /// rapid names, 0 for any other motion.
     pub fn clamp_wait_s(&self, motion: &Motion) -> f64 {
         let Motion::Rapid { to } = motion else { return 0.0 };
         let moved = self.options.clamps.iter().filter(|(axis, _)| to.get(**axis).is_some());

@@ -10,7 +10,7 @@ use machine::Axis;
 #[serde(deny_unknown_fields)]
 pub(super) struct DialectFile {
     pub name: String,
-    /// Language of the text, for which a G-code reader must exist.
+    /// Language of the text, for which a G-code reader must exist: `rs274`.
     pub language: String,
     /// File extension of programs, without the dot.
     pub extension: String,

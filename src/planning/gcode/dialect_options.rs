@@ -13,11 +13,17 @@ use machine::{Axis, Position};
 /// Options that the machine file adds to a dialect; by default none.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DialectOptions {
+    /// Command that switches the probe on, e.g. `M64 P1`. `None`: the program does not switch the probe on.
     pub(super) probe_on_command: Option<String>,
+    /// Command that switches the probe off. `None`: the program does not switch the probe off.
     pub(super) probe_off_command: Option<String>,
+    /// Clamps of the axes that declare one, with their commands and waiting time.
     pub(super) clamps: BTreeMap<Axis, Clamp>,
+    /// Name of the input that is on while the probe reports an error.
     pub(super) probe_error_input: Option<String>,
+    /// Name of the input that is on while the battery of the probe is low.
     pub(super) probe_battery_input: Option<String>,
+    /// Commands of probe and clamps that the G-code reader accepts, with their effects.
     pub(super) declared_commands: DeclaredCommands,
 }
 

@@ -8,7 +8,8 @@ use super::rs274::{self, MotionFrame, MotionKind, ReadError, ReadMotion};
 use machine::Axis;
 use machine::record::motion::Motion;
 
-/// Half a unit of the third decimal, plus rounding; feeds, seconds and orientations have three decimals.
+/// Half a unit of the third decimal, plus rounding; feeds (mm/min), seconds and orientations (degrees) have three
+/// decimals.
 const THIRD_DECIMAL_TOLERANCE: f64 = 0.000_501;
 
 impl Dialect {

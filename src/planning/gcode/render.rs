@@ -18,19 +18,20 @@ const MAX_STEP_NUMBER: u32 = 99_999;
 pub struct HeadAndFootValues<'a> {
     /// A comment for a person who reads the program.
     pub title: &'a str,
-    /// The machine's axes.
+    /// The machine's axes. Axes without a word in the dialect are omitted.
     pub axes: &'a [Axis],
     /// Absolute path of the results file, if the control itself writes the results.
     pub result_log_path: Option<&'a str>,
 }
 
 impl Dialect {
-    /// The lines that set all modal state.
+    /// The lines that set all modal state and, if declared, switch the probe on and close the clamps.
     pub fn render_head(&self, program: &HeadAndFootValues) -> Result<Vec<String>, RenderError> {
         render_head_or_foot(self, "head", program)
     }
 
-    /// The lines that restore what the head changed, as far as the language allows.
+    /// The lines that, if declared, switch the probe off, and that restore what the head changed, as far as the
+    /// language allows.
     pub fn render_foot(&self, program: &HeadAndFootValues) -> Result<Vec<String>, RenderError> {
         render_head_or_foot(self, "foot", program)
     }

@@ -9,7 +9,8 @@ use machine::record::motion::{Motion, MotionBlock};
 /// Form in which a control receives blocks. The driver declares it; the proof reads exactly the text that is sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum TransmissionForm {
-    /// Single lines, each shorter than `max_line_bytes`. The modes that the head sets remain active until the foot.
+    /// Single lines, each shorter than `max_line_bytes` without its newline. The modes that the head sets remain
+    /// active until the foot.
     Lines { max_line_bytes: usize },
     /// A program with a head and a foot for each part of a block. A part ends after a back-off, because the probe
     /// must read open before the next move. The control writes its results to the file `log`.
@@ -36,7 +37,7 @@ pub(crate) struct TransmissionText {
     /// The programs that the G-code reader must read back, each from an unknown state: the whole text, in the order of
     /// transmission.
     pub programs_to_read_back: Vec<String>,
-    /// Number of lines of the programs before the first unit.
+    /// Number of lines before the first unit in the program of `Lines` and `TableRows`; 0 for `Programs`.
     pub head_line_count: usize,
 }
 

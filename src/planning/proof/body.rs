@@ -35,6 +35,7 @@ impl CollisionShape {
         Self { core: ShapeCore::Point, rounding_radius: radius, carrier_from_core }
     }
 
+    /// A cylinder between the centres of its end faces.
     pub fn cylinder(from: Vector3<f64>, to: Vector3<f64>, radius: f64) -> Self {
         let axis = unit_vector(to - from).unwrap_or(Vector3::y());
         let [right, up] = perpendicular_directions(axis);
@@ -62,6 +63,7 @@ impl CollisionShape {
         }
     }
 
+    /// A cylinder if the solid states a radius, otherwise a box.
     pub fn from_solid(solid: &Solid) -> Self {
         let (from, to) = (Vector3::from(solid.from_mm), Vector3::from(solid.to_mm));
         match solid.radius_mm {
@@ -125,6 +127,7 @@ impl CollisionShape {
 /// A shape in the machine frame.
 pub struct ShapeInMachineFrame {
     core: ShapeCore,
+    /// All points within this distance of the core belong to the shape.
     pub rounding_radius: f64,
     pub machine_from_core: Pose,
 }
@@ -157,12 +160,14 @@ pub enum BodyRole {
     SpindleOrBedSensor,
     /// The body of a displacement sensor on the table, which measures the stylus ball.
     TableSensor {
-        /// Gap between ball and sensor at the near end of the range, mm; at most [`super::MIN_UNGUARDED_CLEARANCE_MM`].
+        /// Gap between ball and sensor at the near end of the range, mm; limited to 0 to
+        /// [`super::MIN_UNGUARDED_CLEARANCE_MM`].
         min_gap_mm: f64,
     },
     StylusBall,
     /// Stem of the stylus: the probe detects contact with it as well.
     StylusStem,
+    /// Probe body, solid or keep-out box.
     OtherBody,
 }
 
@@ -172,6 +177,7 @@ pub struct CollisionBody {
     pub name: String,
     pub role: BodyRole,
     pub shape: CollisionShape,
+    /// Chain of axes that moves the carrier of the body. In a pair, without the axes that both bodies share.
     pub carrier_chain: CarrierChain,
     /// Points and a radius: the shape lies in the convex hull of the balls about the points, carrier frame.
     pub hull_points_and_radius: (Vec<Vector3<f64>>, f64),

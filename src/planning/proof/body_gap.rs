@@ -21,12 +21,14 @@ pub struct LateralMisplacement {
 /// bodies intersect.
 #[derive(Debug, Clone, Copy)]
 pub struct BodyGap {
+    /// The possible lateral misplacement is already subtracted; negative infinity if a pose is not finite.
     pub distance_lower_bound_mm: f64,
     pub direction: Vector3<f64>,
 }
 
-/// Computes the gap, first across `direction_hint`. The search ends when the gap exceeds `sufficient_mm` for its
-/// direction; `max_sufficient_mm` is the maximum of `sufficient_mm` over all directions.
+/// Computes the gap, first across `direction_hint` (`None`: the line of the centres). The search ends when the gap
+/// exceeds `sufficient_mm` for its direction; `max_sufficient_mm` is the maximum of `sufficient_mm` over all
+/// directions.
 pub fn compute_body_gap(
     one: &ShapeInMachineFrame,
     other: &ShapeInMachineFrame,

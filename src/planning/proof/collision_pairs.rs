@@ -10,7 +10,7 @@ use machine::kinematics::{CarrierChain, MachineSide};
 pub struct BodyPair {
     pub one: CollisionBody,
     pub other: CollisionBody,
-    /// Indices of the two bodies in the list of all bodies.
+    /// Indices of `one` and `other` in the list of all bodies.
     pub body_indices: [usize; 2],
     pub role: PairRole,
     /// Whether the pair is stylus and artefact, whose contact the probe detects.
@@ -45,7 +45,8 @@ impl BodyPair {
         roles.contains(&BodyRole::SpindleOrBedSensor) && roles.contains(&BodyRole::DatumCylinder)
     }
 
-    /// Whether the two are within [`MIN_UNGUARDED_CLEARANCE_MM`] with all axes at zero: joined, or built close.
+    /// Whether the two are, or by the misplacement of the artefact could be, within [`MIN_UNGUARDED_CLEARANCE_MM`]
+    /// with all axes at zero: joined, or built close.
     fn are_close_at_zero(&self) -> bool {
         let zero = [0.0; Axis::ALL.len()];
         let joint_path = JointPath { from: zero, to: zero };

@@ -34,7 +34,7 @@ pub struct CollisionScene {
     pairs: Vec<BodyPair>,
     /// Maximum distance of the artefact from its assumed position, mm.
     pub max_artefact_misplacement_mm: f64,
-    /// Bodies that are not declared, and unchecked neighbours.
+    /// Bodies that are not declared, unchecked neighbours, and sensors against their datum cylinder, as text.
     pub unchecked_items: Vec<String>,
 }
 
@@ -99,9 +99,9 @@ impl CollisionScene {
         self.bodies.iter().find(|body| body.role == BodyRole::StylusBall)
     }
 
-    /// Smallest clearance on the path, mm, and its two bodies, if it is below `max_clearance_mm`. The pair of stylus
-    /// ball and artefact counts on unguarded paths only, because otherwise it is meant to come near. Pairs on one side
-    /// never count, because their distance is a matter of the machine's design.
+    /// Smallest clearance on the path, mm, and its two bodies, if it is below `max_clearance_mm`. A pair of stylus
+    /// ball and touchable body counts only if the rule requires a clearance above 0 of it, because otherwise it is
+    /// meant to come near. Pairs on one side never count, because their distance is a matter of the machine's design.
     ///
     /// # Errors
     /// The first pair that comes too near, or cannot be proven clear.
@@ -339,7 +339,7 @@ impl CollisionSceneBuilder {
         Ok(missing)
     }
 
-    /// Sides of the machine without a declared solid.
+    /// Sides of the machine without a declared solid: `spindle nose`, `table`.
     fn sides_without_solid(&self, plan: &Plan) -> Vec<String> {
         let has_solid_on = |side: MachineSide| {
             let carried = |on| self.chain.carrier_chain(on).map(|carried| carried.side);

@@ -26,9 +26,11 @@ const MAX_RETRACT_LENGTH_MM: f64 = 2.0;
 /// Kind of a move whose text is proven on its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SingleMoveKind {
-    /// A slow move that approaches no body, whichever axis the drives may actually move.
+    /// A slow move that keeps [`super::MIN_UNGUARDED_CLEARANCE_MM`] from every body, whichever axis except the
+    /// spindle the drives actually move, in either sense. A move of a linear axis is guarded.
     Jog,
-    /// A short slow feed move of a linear axis that approaches no declared body except those in contact at the start.
+    /// A short slow feed move of a linear axis. Bodies nearer than [`super::MIN_UNGUARDED_CLEARANCE_MM`] at the start
+    /// must not come nearer; pairs that intersect there are not checked.
     Retract,
 }
 
@@ -38,12 +40,12 @@ pub struct SingleMoveProofRequest<'a> {
     pub kind: SingleMoveKind,
     /// Machine, probe and bodies.
     pub plan: &'a Plan,
-    /// Positions of all axes.
+    /// Positions of all axes, mm and rad; only the spindle may be missing.
     pub start_position: &'a Position,
     pub axis: Axis,
     /// Target of the axis, mm or rad.
     pub target_mm_or_rad: f64,
-    /// Maximum feed, mm/min or degrees/min.
+    /// Maximum feed, mm/min or degrees/min; for a retract, the search feed of the probe is also a limit.
     pub max_feed_mm_or_deg_per_min: f64,
     pub dialect: &'a Dialect,
 }
@@ -96,7 +98,7 @@ fn check_retract(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> M
     }
     let max_feed = request.max_feed_mm_or_deg_per_min.min(request.plan.probe.search_feed_mm_min);
     motion_rules::check_max_feed("the retract", motion, max_feed)?;
-    check_no_body_is_approached(request, motion)
+    check_retract_clearance(request, motion)
 }
 
 /// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
@@ -139,7 +141,7 @@ fn check_guard_and_feed(request: &SingleMoveProofRequest<'_>, motion: &ReadMotio
     motion_rules::check_max_feed("the jog", motion, request.max_feed_mm_or_deg_per_min)
 }
 
-/// Checks the clearance for every axis that the drives may actually move.
+/// Checks the clearance for every axis that the drives may actually move, in both senses; the spindle is left out.
 fn check_clearance_of_any_axis(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> MinClearanceResult {
     let SingleMoveProofRequest { plan, start_position: position, axis, .. } = *request;
     let scene = CollisionScene::new(plan, &plan.artefact)?;
@@ -161,8 +163,8 @@ fn check_clearance_of_any_axis(request: &SingleMoveProofRequest<'_>, motion: &Re
     Ok(nearest)
 }
 
-/// Checks that no declared body is approached, at the assumed position of the machine.
-fn check_no_body_is_approached(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> MinClearanceResult {
+/// Checks the rule [`ClearanceRule::Retract`] at the assumed position of the machine.
+fn check_retract_clearance(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> MinClearanceResult {
     let SingleMoveProofRequest { plan, start_position: position, axis, target_mm_or_rad: to, .. } = *request;
     let scene = CollisionScene::new(plan, &plan.artefact)?;
     let joint_path = JointPath {

@@ -89,10 +89,11 @@ pub struct ProofRequest<'a> {
     pub plan: &'a Plan,
     /// Steps of each stage in the text, in order.
     pub stages: &'a [StageSteps<'a>],
-    /// Position of the machine at the start, as far as it is known. Moves before X, Y and Z are known are not
-    /// checked, and the proof reports them.
+    /// Position of the machine at the start, as far as it is known. Moves before the positions of all axes except the
+    /// spindle are known are not checked for collisions, and the proof reports them.
     pub start_position: Option<&'a Position>,
-    /// Directions in which touches have met the part since the machine was prepared.
+    /// Directions in which touches have met the part since the machine was prepared or the operator was last
+    /// prompted.
     pub touched_directions: TouchedDirections,
     pub dialect: &'a Dialect,
 }
@@ -106,8 +107,8 @@ pub struct StageSteps<'a> {
     pub found_artefact: Option<&'a Artefact>,
 }
 
-/// Proves that `programs` contain exactly the steps of the stages, and that no bodies collide. The programs are executed
-/// one after the other; each sets the modes that it needs.
+/// Proves that `programs` contain exactly the steps of the stages, and that no bodies collide. The programs are
+/// executed one after the other; each sets the modes that it needs.
 ///
 /// # Errors
 /// The first line that is wrong or cannot be proven.

@@ -16,8 +16,9 @@ const TOUCH_LENGTH_TOLERANCE_MM: f64 = 1e-3;
 
 type CheckResult = Result<(), RefusalReason>;
 
-/// Checks that the machine has every axis and that each is within its limits. The spindle is oriented modulo one
-/// turn: its position is accepted if it is within the limits after adding or subtracting a full turn.
+/// Checks that the machine has every axis of the motion and that each target is within the limits. The spindle is
+/// oriented modulo one turn: its position is accepted if it is within the limits after adding or subtracting a full
+/// turn.
 pub fn check_axis_limits(motion: &ReadMotion, machine: &Machine, dialect: &Dialect) -> CheckResult {
     let spindle = match motion.kind {
         MotionKind::OrientSpindle { s } => Position::new().with(Axis::S, s),
@@ -108,7 +109,7 @@ impl AxisMismatch {
     }
 }
 
-/// The first axis of `expected` that is at another position, beyond rounding.
+/// The first axis of `expected` that is at another position, beyond rounding, or whose position is unknown.
 pub fn find_axis_mismatch(position: &Position, expected: &Position, dialect: &Dialect) -> Option<AxisMismatch> {
     expected.iter().find_map(|(axis, expected)| {
         let Some(actual) = position.get(axis) else {

@@ -22,7 +22,8 @@ pub(super) enum StepPhase {
     Scanning { reached_count: usize, dwelled_s: f64 },
     /// The touch is finished, and the machine is where contact stopped it.
     Touched,
-    /// The machine is back at `from`.
+    /// The machine has moved back to `from` after the touch; guarded moves may follow. Also the state before the
+    /// first step.
     BackedOff,
     /// The prompt has stopped the program.
     StoppedForPrompt,
@@ -44,11 +45,14 @@ pub struct ProgramCheck<'a> {
     /// Index of the current step in the list of all steps; `None` before the first step.
     current_step_index: Option<usize>,
     pub(super) step_phase: StepPhase,
+    /// Position after the motions so far, as far as it is known: a touch makes its axes unknown until the back-off,
+    /// and a prompt makes all axes unknown.
     pub(super) position: Position,
     /// Current line, from 1.
     current_line: usize,
+    /// Result so far: motion count, and the smallest clearance of each completed step.
     proof: StageProof,
-    /// Smallest clearance of the current step.
+    /// Smallest clearance of the current step so far.
     min_clearance_of_step: Option<Clearance>,
     /// Lines whose path was not checked, because the position of an axis is unknown.
     unchecked_lines: Vec<usize>,
@@ -184,6 +188,8 @@ impl<'a> ProgramCheck<'a> {
         Ok(())
     }
 
+    /// Checks that the current step is complete, after a touch also the clearance of unguarded moves at the end of
+    /// the step. A complete touch or scan counts in `touched_directions`.
     fn complete_step(&mut self) -> CheckResult {
         match (self.current_step().and_then(|step| step.scan.as_ref()), self.step_phase) {
             (_, StepPhase::StoppedForPrompt) => return Ok(()),
@@ -256,6 +262,7 @@ impl<'a> ProgramCheck<'a> {
         if self.proof.motion_count == 0 { ClearanceRule::GuardedFirstMove } else { ClearanceRule::GuardedMove }
     }
 
+    /// Checks the touch of the step: feed, length, contact and clearance.
     fn check_touch(&mut self, motion: &ReadMotion, step: &Step) -> CheckResult {
         let plan = self.request.plan;
         motion_rules::check_exact_feed("the touch", motion, step.feed_mm_min)?;
@@ -339,6 +346,8 @@ impl<'a> ProgramCheck<'a> {
         Ok(())
     }
 
+    /// Result of the whole check. Its unchecked items are those of the first stage, and the lines whose path was not
+    /// checked.
     fn into_proof(self) -> StageProof {
         let mut proof = self.proof;
         let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);

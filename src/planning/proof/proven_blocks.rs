@@ -75,6 +75,7 @@ impl ProvenBlock {
         &self.transmission
     }
 
+    /// Id of the step in the plan.
     pub fn step(&self) -> u32 {
         self.step
     }

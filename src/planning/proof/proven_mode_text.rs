@@ -9,12 +9,18 @@ use machine::Axis;
 /// The text was read back and moves nothing.
 #[derive(Debug, Clone)]
 pub struct ProvenModeText {
+    /// Lines that set all modal state, before the first block.
     head_lines: Vec<String>,
+    /// Lines that restore what the head has changed, after the last block.
     foot_lines: Vec<String>,
+    /// Separate program that sets all modal state and leaves the probe on.
     probe_on_program: String,
+    /// Separate program that switches the probe off; `None`: no command for that is declared.
     probe_off_program: Option<String>,
+    /// Time after the head until the switched devices are ready; `None`: the head switches nothing.
     settling_time_after_head_s: Option<f64>,
     has_probe_on_command: bool,
+    /// Input, and the fault of the probe that it reports when it is on.
     probe_health_inputs: Vec<(String, ProbeFault)>,
 }
 

@@ -9,7 +9,8 @@ use machine::kinematics::KinematicsError;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}line {line}: {reason}", step_prefix(.step))]
 pub struct ProofRefusal {
-    /// Id and label of the current step; `None` before the first.
+    /// Id and label of the current step. `None`: before the first step, or the refusal concerns the text as a whole
+    /// or a single move.
     pub step: Option<(u32, String)>,
     /// Line of the text, from 1.
     pub line: usize,
@@ -29,7 +30,8 @@ fn step_prefix(step: &Option<(u32, String)>) -> String {
     step.as_ref().map_or(String::new(), |(id, label)| format!("step {id} ({label}), "))
 }
 
-/// Reason of a refusal. Lengths in mm, feeds in mm/min; `value`, `min`, `max` in mm or degrees.
+/// Reason of a refusal. Lengths in mm, feeds in mm/min, or degrees/min if only rotary axes move; `value`, `min`,
+/// `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefusalReason {
     #[error(transparent)]

@@ -59,8 +59,9 @@ impl ProgramCheck<'_> {
         }
     }
 
-    /// Maximum feed of the last move to the first point. Until the position is verified, the feed of a turn is limited
-    /// by [`turn_feeds`], and an axis that the scan itself does not turn may turn only with Z at its upper end.
+    /// Maximum feed of the last move to the first point, mm/min or degrees/min. Until the position is verified, the
+    /// feed of a turn is limited by [`turn_feeds`], and an axis that the scan itself does not turn may turn only with
+    /// Z at its upper end.
     fn max_scan_approach_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, RefusalReason> {
         let plan = self.request.plan;
         let in_nest = self.are_step_sensors_on_table();

@@ -14,13 +14,13 @@ use machine::Axis;
 use machine::frame::unit_vector;
 use machine::kinematics::{AxisCommands, CarrierMotion};
 
-/// Accuracy of the smallest clearance of a step, mm.
+/// Maximum amount by which the reported smallest clearance of a step may exceed the true one, mm.
 pub(super) const REPORTED_CLEARANCE_ACCURACY_MM: f64 = 0.02;
 /// Displacement during a part of the path below which the part is not bisected further, mm: bodies that are not proven
 /// clear then count as colliding.
 const MIN_BISECTED_DISPLACEMENT_MM: f64 = 1e-3;
 
-/// A straight motion in joint space.
+/// A straight motion in joint space; commands of all axes, mm or rad.
 #[derive(Debug, Clone, Copy)]
 pub struct JointPath {
     pub from: AxisCommands,
@@ -37,10 +37,12 @@ impl JointPath {
         self.from[axis as usize] != self.to[axis as usize]
     }
 
+    /// Commands at this share of the path: 0 at `from`, 1 at `to`.
     pub fn commands_at_share(&self, at: f64) -> AxisCommands {
         std::array::from_fn(|i| self.from[i] + at * (self.to[i] - self.from[i]))
     }
 
+    /// Absolute distance of each axis over this share (0 to 1) of the path.
     fn axis_distances_of_share(&self, share: f64) -> AxisCommands {
         std::array::from_fn(|i| share * (self.to[i] - self.from[i]).abs())
     }

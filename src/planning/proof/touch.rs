@@ -24,6 +24,7 @@ use machine::kinematics::AxisCommands;
 const MAX_PRE_TRAVEL_MM: f64 = 0.1;
 /// Number of directions across the touch in which the artefact is shifted.
 const LATERAL_SHIFT_DIRECTION_COUNT: u32 = 8;
+/// Number of bisections of the path when the contact is searched.
 const BISECTION_STEP_COUNT: u32 = 40;
 /// Maximum angle between the expected contact with a ball and the normal of the step, degrees.
 const MAX_CONTACT_ANGLE_ERROR_DEG: f64 = 25.0;
@@ -34,13 +35,15 @@ const TEXT_ROUNDING_TOLERANCE_MM: f64 = 2e-3;
 pub struct TouchReach {
     /// Number of the touched body, as in `BodyRole::Touchable`.
     pub touched_body_number: usize,
+    /// From the start of the touch; includes pre-travel and braking distance, but not more than the whole touch.
     pub joint_path: JointPath,
     pub lateral_misplacement: LateralMisplacement,
 }
 
-/// Straight path of the stylus ball in the frame of the artefact: only linear axes move, whether or not they carry
-/// the table.
+/// Straight path of the stylus ball's centre in the frame of the artefact, mm: only linear axes move, whether or not
+/// they carry the table.
 struct StylusBallLine {
+    /// Pose of the table in the machine frame at the start of the touch.
     table_pose_at_start: Pose,
     from: Vector3<f64>,
     to: Vector3<f64>,
@@ -107,8 +110,8 @@ impl StylusBallLine {
         first_contact_share(|share| shape.distance_to_point(self.point_at(share) - shift) - self.stylus_ball_radius_mm)
     }
 
-    /// Latest contact with a shape that is displaced across the path; `undisplaced_share`: contact without
-    /// displacement.
+    /// Latest contact, as a share of the path, with a shape that is displaced across the path by at most
+    /// `uncertainty`; 1 if a displaced shape is not met. `undisplaced_share`: contact without displacement.
     fn latest_contact_share(&self, shape: &CollisionShape, undisplaced_share: f64, uncertainty: f64) -> f64 {
         let [right, up] = perpendicular_directions(self.unit_direction);
         // Contact is a convex function of the displacement: the corners of a polygon around the circle bound it.
@@ -137,6 +140,8 @@ impl StylusBallLine {
         Err(RefusalReason::TouchCanMiss { body: body.name.clone(), uncertainty })
     }
 
+    /// Checks that contact with a ball is within [`MAX_CONTACT_ANGLE_ERROR_DEG`] of the normal of the step; a step
+    /// without a normal is refused.
     fn check_contact_side(
         &self,
         body: &CollisionBody,

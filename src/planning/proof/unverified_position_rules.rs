@@ -33,7 +33,8 @@ impl ProgramCheck<'_> {
         }
     }
 
-    /// Whether X and Y move along an octagon above the step before the first touch.
+    /// Whether only X and Y move, no touch was made yet, and both ends of the move are within an octagon about the
+    /// start of the step.
     fn is_octagon_move_above_step(&self, motion: &ReadMotion) -> bool {
         let Some(step) = self.current_step() else { return false };
         let plan = self.request.plan;
@@ -76,7 +77,9 @@ impl ProgramCheck<'_> {
         self.check_straight_move(&motion.target, &rule)
     }
 
-    /// Required clearance of a guarded move without rotary axes.
+    /// Required clearance of a guarded move without rotary axes: until the first touch, a move faster than the search
+    /// feed keeps the clearance of unguarded moves. Sideways moves below the upper end of Z are refused, except along
+    /// an octagon.
     pub(super) fn guarded_clearance_rule_at_unverified_position(
         &self,
         motion: &ReadMotion,

@@ -20,6 +20,7 @@ pub(in crate::report) struct ArrowScales {
     pub(super) picture_units_per_mm: f64,
     /// Picture units per unit of the vectors.
     pub(super) picture_units_per_vector_unit: f64,
+    /// Unit of the vectors.
     pub(super) unit: Unit,
     /// Length of the scale arrow, in the unit of the vectors.
     pub(super) scale_arrow_length: f64,
@@ -96,6 +97,7 @@ pub(in crate::report) fn group_rms(group: &ArrowGroup) -> Option<f64> {
     (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
 }
 
+/// Arrows of the group whose position and vector are finite; all others are left out of the figure.
 pub(super) fn finite_arrows(group: &ArrowGroup) -> impl Iterator<Item = &FigureArrow> {
     group.arrows.iter().filter(|a| a.at_mm.iter().chain(&a.vector).all(|part| part.is_finite()))
 }

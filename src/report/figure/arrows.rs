@@ -11,7 +11,7 @@ use super::views::{Labels, PICTURE_SIZE, SCALE_ROW_HEIGHT, SCALES_LEFT_AND_TOP, 
 use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, INK_COLOUR, LINE_COLOUR, draw_picture, text_style};
 use machine::record::estimate::{ArrowFigure, ArrowGroup, FigureArrow, VectorFigureKind};
 
-/// Left edge of the names of the scales.
+/// Distance from the left end of the scales to their names, in picture units.
 const SCALE_NAME_LEFT: i32 = 150;
 
 impl ArrowScales {

@@ -25,10 +25,11 @@ const END_VIEW_CENTRE: (i32, i32) = (180, 220);
 const DRAWN_OFFSET: f64 = 130.0;
 /// Drawn angle of an error.
 const DRAWN_ANGLE_DEG: f64 = 16.0;
-/// Length of a line above the origin.
+/// Length of the nominal and the actual axis line above their base.
 const AXIS_LINE_LENGTH: f64 = 290.0;
 /// Radius of the arc of an angle.
 const ARC_RADIUS: f64 = 200.0;
+/// Length of the two coordinate arrows in the lower left corner of a view.
 const CORNER_AXIS_LENGTH: f64 = 50.0;
 const DASH_AND_GAP_LENGTH: (u32, u32) = (26, 10);
 
@@ -40,7 +41,8 @@ pub(in crate::report) struct AxisSketch {
 
 /// Symbols of one view; `None`: the error is not part of the result.
 enum Panel {
-    /// View in which the axis points up.
+    /// View in which the axis points up. `right`, `up`: letters of linear axes. `offset`: symbol of the offset along
+    /// `right`. `tilts_to_the_right`: a positive tilt leans the axis to the right.
     Side { right: char, up: char, offset: Option<String>, tilt: Option<String>, tilts_to_the_right: bool },
     /// View against the axis direction, with the zero position of the axis.
     End { right: char, up: char, angle: String },

@@ -15,7 +15,7 @@ struct StyledRun {
     /// Element that is written.
     written_tag: &'static str,
     style: String,
-    /// Data of a path, or elements without their style.
+    /// Data of a path, or elements without their style, one a line.
     body: String,
     element_count: usize,
 }

@@ -7,8 +7,8 @@ use super::{BAND_OPACITY, LINE_COLOUR, MAX_POINTS_WITH_MARKS, PICTURE_SIZE, Plot
 use crate::report::number;
 use machine::record::estimate::EstimatedFunction;
 
-/// Number of columns of a curve with more points: only the lowest and highest point of each column are drawn, because
-/// the others are not visible.
+/// Maximum number of columns into which a curve of more than twice as many points is divided: only the lowest and
+/// highest point of each column are drawn, because the others are not visible.
 const COLUMN_COUNT: usize = 400;
 
 pub(super) fn draw_curve(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
@@ -37,7 +37,8 @@ pub(super) fn draw_curve(function: &EstimatedFunction, samples: &[PlotPoint]) ->
     })
 }
 
-/// The curves of a function, each with as many points as are visible. A full turn of an angle is closed.
+/// The curves of a function, each with as many points as are visible: a new curve begins where x decreases. A full
+/// turn of an angle is closed.
 fn separate_curves(function: &EstimatedFunction, samples: &[PlotPoint]) -> Vec<Vec<PlotPoint>> {
     let pieces = samples.chunk_by(|sample, next| sample.x <= next.x);
     let closed = pieces.map(|piece| match function.argument_unit.as_str() {
@@ -47,6 +48,7 @@ fn separate_curves(function: &EstimatedFunction, samples: &[PlotPoint]) -> Vec<V
     closed.map(|curve| extremes_of_columns(&curve)).collect()
 }
 
+/// The lowest and the highest point of each column, and both ends of the curve; all points of a short curve.
 fn extremes_of_columns(curve: &[PlotPoint]) -> Vec<PlotPoint> {
     if curve.len() <= 2 * COLUMN_COUNT {
         return curve.to_vec();
@@ -87,7 +89,7 @@ pub(in crate::report) fn argument_name(argument: &str) -> &str {
     }
 }
 
-/// The x axis: steps of 45° for full turns, otherwise round steps over the data.
+/// The x axis: steps of 45° for angles over more than 180° and up to 360°, otherwise round steps over the data.
 fn x_axis<'a>(function: &EstimatedFunction, samples: impl Iterator<Item = &'a PlotPoint>) -> Option<TickedAxis> {
     let (first, last) = value_bounds(samples.map(|sample| sample.x))?;
     let (low, high) = if last > first { (first, last) } else { add_margin((first, last)) };

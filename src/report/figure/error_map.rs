@@ -23,24 +23,29 @@ const COLOUR_STEP_COUNT: f64 = 20.0;
 
 /// A cell in the picture.
 struct Cell {
+    /// Top left and bottom right.
     corners: [(i32, i32); 2],
+    /// Error, µm.
     value: f64,
     /// 0 to [`COLOUR_STEP_COUNT`].
     colour_step: u8,
 }
 
-/// Errors in one slice of the volume, µm.
+/// Predicted errors of the tool tip in one slice of the volume, µm.
 #[derive(Debug, Clone)]
 pub struct ErrorMap {
     pub title: String,
-    /// Name of the axis with its unit, and its positions, from left to right and upwards.
+    /// Name of the axis with its unit, and its positions, from left to right.
     pub horizontal_axis: (String, Vec<f64>),
+    /// Name of the axis with its unit, and its positions, upwards.
     pub vertical_axis: (String, Vec<f64>),
-    /// Name and values of each panel, row by row upwards: the error, then the error that remains after a correction.
+    /// Name and values of each panel, row by row upwards: the length of the error of the tip, then U (k = 2) of the
+    /// error that remains after a correction.
     pub panels: [(String, Vec<Vec<f64>>); 2],
 }
 
 impl ErrorMap {
+    /// Largest finite value of both panels; 0 without one.
     pub fn max_value(&self) -> f64 {
         let values = self.panels.iter().flat_map(|(_, rows)| rows.iter().flatten());
         values.copied().filter(|value| value.is_finite()).fold(0.0, f64::max)

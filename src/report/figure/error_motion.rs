@@ -40,9 +40,12 @@ impl MotionCentre {
 pub(in crate::report) struct MotionCircles {
     /// Centre of the circles, from the centre of the chart, in the unit of the function.
     pub centre: [f64; 2],
-    /// Radius of the mean circle about the same centre; with the least-squares centre, the least-squares circle.
+    /// Radius of the mean circle about the same centre, less the radius of the zero circle; with the least-squares
+    /// centre, the least-squares circle.
     pub mean: f64,
+    /// Radius of the largest circle inside the curve, less the radius of the chart's zero circle; may be negative.
     pub inner: f64,
+    /// Radius of the smallest circle that contains the curve, less the radius of the chart's zero circle.
     pub outer: f64,
 }
 
@@ -60,7 +63,7 @@ impl MotionCircles {
         Some(Self { inner, outer, ..circles })
     }
 
-    /// The error motion value.
+    /// The error motion value: outer minus inner radius.
     pub(in crate::report) fn value(&self) -> f64 {
         self.outer - self.inner
     }

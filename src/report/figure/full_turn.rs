@@ -56,7 +56,7 @@ pub(super) fn close_full_turn(samples: &[PlotPoint]) -> Vec<PlotPoint> {
 pub(in crate::report) struct RemovedCircle {
     /// Mean value, in the unit of the function.
     pub mean: f64,
-    /// Amplitude of the first harmonic.
+    /// Amplitude of the first harmonic, in the unit of the function.
     pub eccentricity: f64,
     /// Angle of the largest value of the first harmonic, 0° to 360°.
     pub direction_deg: f64,
@@ -77,6 +77,7 @@ pub(super) fn eccentricity_to_remove(function: &EstimatedFunction, samples: &[Pl
 }
 
 impl RemovedCircle {
+    /// Value that is subtracted at this angle: mean plus first harmonic.
     pub(super) fn value_at(&self, degrees: f64) -> f64 {
         self.mean + self.eccentricity * (degrees - self.direction_deg).to_radians().cos()
     }

@@ -10,8 +10,8 @@ use super::{FIT_COLOUR, LINE_COLOUR, PICTURE_SIZE, PlotPoint, draw_picture};
 use crate::report::number;
 use machine::record::estimate::EstimatedFunction;
 
-/// Maximum number of columns; more would show no further detail.
-const MAX_BIN_COUNT: f64 = 60.0;
+/// Maximum ratio of the range of the values to the width of a column; more columns would show no further detail.
+const MAX_RANGE_TO_BIN_WIDTH_RATIO: f64 = 60.0;
 
 pub(super) fn draw_histogram(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
     let values: Vec<f64> = samples.iter().map(|sample| sample.y).collect();
@@ -57,7 +57,7 @@ impl HistogramBins {
         let (low, high) = value_bounds(sorted.iter().copied())?;
         let at = |quarter: usize| sorted.get(quarter * (sorted.len() - 1) / 4).copied();
         let wanted = 2.0 * (at(3)? - at(1)?) / (sorted.len() as f64).cbrt();
-        let least = (high - low) / MAX_BIN_COUNT;
+        let least = (high - low) / MAX_RANGE_TO_BIN_WIDTH_RATIO;
         // Equal values give one column.
         let alike = if low == 0.0 { 1.0 } else { 1e-3 * low.abs() };
         let width = [wanted.max(least), alike].into_iter().find(|width| *width > 0.0)?;
@@ -73,11 +73,13 @@ impl HistogramBins {
         Some(Self { first_edge: first, bin_width: width, counts })
     }
 
+    /// Lower edge of the column with this index, and upper edge of the column before it.
     fn bin_edge(&self, number: usize) -> f64 {
         self.first_edge + self.bin_width * number as f64
     }
 
-    /// Expected count of a column centred at each position.
+    /// Position, and expected count of a column centred there, for the normal distribution with the mean and standard
+    /// deviation of `values`; empty if all are equal.
     fn expected_normal_counts(&self, values: &[f64]) -> Vec<(f64, f64)> {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;

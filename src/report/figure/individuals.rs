@@ -32,17 +32,19 @@ pub struct IndividualsChart {
     pub level_change_times_s: Vec<f64>,
     /// Times at which values were written to the control, or restored.
     pub compensation_times_s: Vec<f64>,
+    /// Times as in the chart; without a finite temperature, the chart has no temperature strip.
     pub temperatures: TemperatureCurves,
 }
 
 /// Data of the chart with its scales.
 struct ScaledChart {
+    /// Finite values over Unix time, s; the half-width is U.
     samples: Vec<PlotPoint>,
     /// First and last time in the picture, s.
     time_range: (f64, f64),
     /// Lowest and highest value in the picture.
     value_range: (f64, f64),
-    /// Tolerance lines inside the picture.
+    /// Values at which a tolerance line is drawn: plus and minus the tolerance, as far as they are in the picture.
     drawn_tolerance_lines: Vec<f64>,
 }
 

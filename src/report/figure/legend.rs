@@ -123,7 +123,7 @@ fn draw_legend_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) 
     Ok(())
 }
 
-/// Draws the marker of the thermometer with this number; markers differ in shape.
+/// Draws the marker of the thermometer with this number, from 0: one of four shapes, which repeat from number 4 on.
 pub(super) fn draw_thermometer_marker(area: &Area<'_>, number: usize, at: (i32, i32)) -> DrawResult {
     match number % 4 {
         0 => area.draw(&TriangleMarker::new(at, MARKER_RADIUS + 3, LINE_COLOUR.filled()))?,

@@ -8,7 +8,7 @@ use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, LINE_COLOUR, draw_picture
 use crate::report::number;
 use machine::record::estimate::ParameterCovariance;
 
-/// Coefficients below this magnitude are not written.
+/// Coefficients below this magnitude are not written, and their cells have no colour.
 pub(in crate::report) const MIN_SHOWN_COEFFICIENT: f64 = 0.05;
 const PICTURE_WIDTH: i32 = 1000;
 /// Largest side of a cell.
@@ -50,11 +50,12 @@ pub(in crate::report) fn draw_matrix(covariance: &ParameterCovariance, indices: 
     })
 }
 
+/// Layout of the lower triangle; indices of rows and columns count the drawn parameters, from 0.
 struct MatrixLayout {
     /// Left edge of the cells.
     cells_left: i32,
     cell_side: f64,
-    /// Height of the names of the columns.
+    /// Room for the longest name: width of the names of the rows, height of the names of the columns.
     name_length: i32,
 }
 
@@ -72,6 +73,7 @@ impl MatrixLayout {
         (PICTURE_WIDTH as u32, height as u32)
     }
 
+    /// Top of the row with this index; the row of parameter 0 is not drawn.
     fn row_top(&self, row: usize) -> i32 {
         ((row as f64 - 1.0) * self.cell_side).round() as i32
     }

@@ -48,9 +48,13 @@ pub use temperature_strip::TemperatureCurves;
 
 /// Colours by their role; the report page's style sheet replaces these exact values in dark mode.
 const INK_COLOUR: RGBColor = RGBColor(0x22, 0x26, 0x2B);
+/// Grid lines, frames and shaded areas.
 const GRID_COLOUR: RGBColor = RGBColor(0xD5, 0xD9, 0xDE);
+/// Measured or estimated values, and their uncertainty bands.
 const LINE_COLOUR: RGBColor = RGBColor(0x1F, 0x6F, 0xB2);
+/// Fitted shapes, limits, and marks that must be seen, such as flagged values.
 const FIT_COLOUR: RGBColor = RGBColor(0xC2, 0x57, 0x1A);
+/// Opacity of an uncertainty band.
 const BAND_OPACITY: f64 = 0.22;
 const FONT_SIZE: f64 = 36.0;
 /// Size of a picture with two straight axes. The report shows it at least 330 px wide, where its labels are 9 px high.
@@ -65,6 +69,7 @@ const MAX_POINTS_WITH_MARKS: usize = 100;
 struct PlotPoint {
     x: f64,
     y: f64,
+    /// k·u; 0 if u is not stated.
     uncertainty_half_width: f64,
 }
 
@@ -82,7 +87,9 @@ impl PlotPoint {
 /// A function with the kind of its figure and the data to draw.
 pub(super) struct FunctionFigure<'a> {
     function: &'a EstimatedFunction,
+    /// Finite points of the function, less `removed_circle`.
     samples: Vec<PlotPoint>,
+    /// Kind that is drawn; it may differ from the kind in the estimate.
     pub(super) kind: FunctionFigureKind,
     /// Circle that is subtracted from a polar figure.
     pub(super) removed_circle: Option<RemovedCircle>,

@@ -137,6 +137,7 @@ fn draw_motion_circles(area: &Area<'_>, scale: &RadiusScale, circles: &MotionCir
     Ok(())
 }
 
+/// Draws the scale rings, and a radial line with its angle every 45°.
 fn draw_rings(area: &Area<'_>, scale: &RadiusScale) -> DrawResult {
     let centred = text_style(FONT_SIZE).pos(Pos::new(HPos::Center, VPos::Center));
     let all_degrees = || (0..360).step_by(45).map(f64::from);

@@ -7,7 +7,8 @@ use super::legend::{LegendEntry, LegendSymbol, draw_thermometer_marker};
 use super::ticked_axis::{TickedAxis, add_margin, value_bounds};
 use super::{Area, DrawResult, LINE_COLOUR};
 
-/// Name of each thermometer, and its temperatures as (time in s, °C); `None`: unknown.
+/// Name of each thermometer, and its temperatures as (time in s, °C), the time as in the chart: Unix time, or since
+/// the start of a run. `None`: unknown.
 pub type TemperatureCurves = Vec<(String, Vec<(f64, Option<f64>)>)>;
 
 pub(super) const TEMPERATURE_STRIP_HEIGHT: u32 = 330;

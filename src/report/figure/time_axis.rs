@@ -23,6 +23,7 @@ enum TickStep {
 /// Maximum number of letters of all labels together; the space after a label counts as one letter.
 const MAX_LABEL_LETTERS: usize = 42;
 
+/// From fine to coarse; the first step whose labels have room is used.
 const TICK_STEPS: [TickStep; 22] = [
     TickStep::Seconds(1),
     TickStep::Seconds(5),

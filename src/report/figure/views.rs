@@ -29,6 +29,7 @@ pub(super) struct View {
     axes: [usize; 2],
 }
 
+/// Front (XZ), side (YZ) and top (XY).
 pub(super) const VIEWS: [View; 3] = [
     View { left: 0, top: 0, axes: [0, 2] },
     View { left: VIEW_SIDE, top: 0, axes: [1, 2] },
@@ -94,7 +95,7 @@ pub(super) struct Labels {
 
 impl Labels {
     /// Draws the label on the left or right side of a point, or on the other side if the label would leave the view.
-    /// A label that would cover another label is omitted.
+    /// A label that would leave the view on both sides or cover another label is omitted.
     pub(super) fn draw_beside(&mut self, area: &Area<'_>, text: &str, at: (i32, i32), is_left: bool) -> DrawResult {
         let width = (LETTER_WIDTH_RATIO * FONT_SIZE * text.chars().count() as f64) as i32;
         let view_left = at.0.div_euclid(VIEW_SIDE) * VIEW_SIDE;

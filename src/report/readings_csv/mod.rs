@@ -25,12 +25,16 @@ const FIRST_LINE: &str = "# trued-readings 1";
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum Column {
     Step,
+    /// Pass of the reading.
     RepeatNumber,
     Position(Axis),
+    /// Displacement of a scan sample, mm; empty for a touch.
     Value,
     Sensor,
+    /// Time on the clock of the run, s.
     Time,
     Flag,
+    /// Temperature, °C, of the thermometer with this name.
     Temperature(String),
 }
 

@@ -12,6 +12,7 @@ use super::page::has_json_content_type;
 use super::problem::Problem;
 use super::request_checks::MAX_REQUEST_BODY_BYTES;
 
+/// Path of the API; pages have other paths.
 const API_ROOT: &str = "/api";
 /// Maximum size of an error message of the HTTP library, bytes.
 const MAX_ERROR_MESSAGE_BYTES: usize = 16 * 1024;

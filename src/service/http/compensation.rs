@@ -53,9 +53,10 @@ pub(super) struct ProposalQuery {
 }
 
 impl ProposalQuery {
+    /// The run and the options from which the proposal is computed; `target` is not part of them.
     pub(super) fn source(&self, run: i64) -> ProposalSource {
         let options = ProposalOptions {
-            with_insignificant_changes: self.with_insignificant,
+            applies_insignificant_changes: self.with_insignificant,
             max_change_mm: self.max_change_mm.unwrap_or(ProposalOptions::DEFAULT_MAX_CHANGE_MM),
         };
         ProposalSource { run: RunId(run), options }
@@ -193,7 +194,8 @@ async fn get_sheet_file(State(app): State<AppState>, Path(run): Path<i64>) -> Re
     Ok(attachment(CSV_CONTENT_TYPE, &format!("run-{run}-errors.csv"), csv))
 }
 
-/// Name of the person who decides. Without tokens, the role of this person is unknown.
+/// Name of the person who decides, for the audit log. Refused without a token, because the role of the person is then
+/// unknown; the role itself was checked for the route.
 fn decision_name(caller: &Caller, who: &str) -> Result<String, Problem> {
     match caller.has_token() {
         true => caller.audit_name(who),
@@ -232,6 +234,7 @@ async fn execute_decision(
     })
 }
 
+/// Waits without a time limit for the result of the accepted command, and writes it or the refusal to the audit log.
 async fn await_and_audit(
     app: AppState,
     machine: ServedMachine,

@@ -34,10 +34,11 @@ use super::access::ClientIdentity;
 use super::problem::Problem;
 use crate::service::lock;
 
-/// Maximum number of connections, without the fresh ones.
+/// Maximum number of connections, without the fresh ones, which [`MAX_FRESH_CONNECTIONS`] limits.
 const MAX_NON_FRESH_CONNECTIONS: usize = 256;
 /// Time for which a new connection without a request counts as fresh; fresh connections use few resources.
 const FRESH_CONNECTION_DURATION: Duration = Duration::from_secs(1);
+/// Maximum number of fresh connections.
 const MAX_FRESH_CONNECTIONS: usize = 512;
 /// Maximum number of connections that receive events.
 const MAX_EVENT_STREAMS: usize = 64;
@@ -46,11 +47,13 @@ const REQUEST_HEAD_TIMEOUT: Duration = Duration::from_secs(15);
 /// Maximum time from the head of a request until the client has received the response; after that, the connection is
 /// closed. Events continue for as long as the client receives them.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(15);
-/// Maximum size of the head of a request, bytes; [`MAX_HEADER_FIELDS`] is its maximum number of header fields.
+/// Maximum size of the head of a request, bytes.
 const MAX_REQUEST_HEAD_BYTES: usize = 16 * 1024;
+/// Maximum number of header fields of a request.
 const MAX_HEADER_FIELDS: usize = 64;
 /// Size above which a response is large, bytes.
 const LARGE_RESPONSE_THRESHOLD_BYTES: u64 = 64 * 1024;
+/// Maximum number of large responses in progress; a further one is replaced by an error response (503).
 const MAX_CONCURRENT_LARGE_RESPONSES: usize = 16;
 
 /// State of a connection, in the order in which connections are closed.
@@ -58,16 +61,20 @@ const MAX_CONCURRENT_LARGE_RESPONSES: usize = 16;
 enum ConnectionState {
     /// No request has begun yet.
     New,
+    /// A response is complete, and no further request has begun.
     Idle,
+    /// A request is being executed, or its response is being sent.
     Responding,
+    /// The client receives server-sent events; their duration is not limited.
     Streaming,
 }
 
 struct Connection {
     state: ConnectionState,
     state_since: Instant,
-    /// Address of the client, or its identity once that is known.
+    /// Address of the client; once it receives events, its token (if any) and address as [`ClientIdentity`].
     client: String,
+    /// Ends the task of the connection; `None` until the task is started.
     abort_handle: Option<AbortHandle>,
 }
 
@@ -80,6 +87,7 @@ impl Connection {
 
 #[derive(Clone)]
 struct Connections {
+    /// By number, in the order of acceptance.
     open_connections: Arc<Mutex<BTreeMap<u64, Connection>>>,
     large_response_permits: Arc<Semaphore>,
 }
@@ -108,6 +116,8 @@ impl Connections {
         lock(&self.open_connections)
     }
 
+    /// Adds a new connection. Where a limit is reached, other connections are closed first; the new one is never
+    /// refused.
     fn register_within_limits(&self, number: u64, from: IpAddr, now: Instant) -> ConnectionGuard {
         let mut all = self.lock_open_connections();
         let is_fresh = |connection: &Connection| connection.is_fresh(now);
@@ -131,6 +141,7 @@ impl Connections {
         }
     }
 
+    /// Sets the state. If there are then too many event streams, one of them is closed.
     fn set_state(&self, number: u64, state: ConnectionState) {
         let mut all = self.lock_open_connections();
         if let Some(connection) = all.get_mut(&number) {
@@ -172,7 +183,8 @@ fn close_one_candidate(all: &mut BTreeMap<u64, Connection>, is_candidate: impl F
     was_closed
 }
 
-/// Accepts and serves connections for as long as the process lives.
+/// Accepts and serves connections for as long as the process lives. An error of `accept` is ignored, and `accept` is
+/// repeated.
 pub async fn accept_connections(listener: TcpListener, router: Router) -> std::io::Result<()> {
     let connections = Connections::new();
     let mut stuck_check = interval(Duration::from_secs(1));
@@ -217,6 +229,8 @@ async fn serve_connection(stream: TcpStream, from: SocketAddr, router: Router, g
 }
 
 impl Connections {
+    /// Follows the response until the client has received it: sets the state of the connection, and limits the large
+    /// responses.
     fn track_response(&self, number: u64, response: Response) -> Response {
         let content_type = response.headers().get(CONTENT_TYPE).map_or(&[][..], HeaderValue::as_bytes);
         let mut permit = None;
@@ -248,6 +262,7 @@ struct TrackedBody {
     body: Body,
     connections: Connections,
     connection_number: u64,
+    /// Held while a large response is in progress; `None` for other responses.
     _large_response_permit: Option<OwnedSemaphorePermit>,
 }
 

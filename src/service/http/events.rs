@@ -46,6 +46,7 @@ fn event_triggers(machine: &ServedMachine) -> impl Stream<Item = ()> + use<> {
     changes.merge(IntervalStream::new(alive).map(|_| ()))
 }
 
+/// Event with the current state of the machine; its id is the number of changes of the machine state so far.
 fn state_event(machine: &ServedMachine) -> Event {
     let count = *machine.gate.subscribe_changes().borrow();
     let event = Event::default().event("standing").id(count.to_string());

@@ -53,7 +53,7 @@ use crate::run::{HTTP_NICE, lower_priority};
 use crate::setup::MachineFile;
 use crate::store::{Journal, MachineLock, sha256_text};
 
-/// A machine that the web page shows.
+/// A machine that the web page and the HTTP API serve.
 #[derive(Clone)]
 pub struct ServedMachine {
     pub name: String,
@@ -70,8 +70,9 @@ struct AppState {
     journal: Arc<Journal>,
     metrics: Metrics,
     access: Arc<AccessControl>,
+    /// Permits to read the journal, [`MAX_JOURNAL_READERS`] in number.
     journal_reader_permits: Arc<Semaphore>,
-    /// Permits to read values of the controls.
+    /// Permits to read values of the controls without the link of the control, [`MAX_CONTROL_READERS`] in number.
     control_reader_permits: Arc<Semaphore>,
     hold_log: actions::HoldLog,
 }
@@ -90,8 +91,9 @@ impl AppState {
         read_with_permit(&self.journal_reader_permits, move || read(&journal)).await
     }
 
-    /// Reads values of the control of `machine`, which may be slow, and the journal. Only the worker opens the link of the
-    /// control, while the machine waits for a start. A metrologist must request it, because it commands the control.
+    /// Reads values of the control of `machine`, which may be slow, and the journal. If the values need the link of
+    /// the control, the worker reads them while the machine waits for a start, and a metrologist must request it.
+    /// `target`: key of `[compensation]`, if there are several.
     async fn read_control<T: Send + 'static>(
         &self,
         caller: &Caller,
@@ -190,11 +192,13 @@ pub fn start_http_server(
     Ok(())
 }
 
-/// Maximum time for the work of the worker in a response: less than the time limit of a request.
+/// Maximum time that a response waits for the worker, which continues its work after that: less than the time limit
+/// of a request that changes something.
 const MAX_RESPONSE_TIME: Duration = Duration::from_secs(7);
 /// Maximum number of concurrent readers of the journal; further readers wait, so that runs keep their computing time.
 const MAX_JOURNAL_READERS: usize = 2;
-/// Maximum number of concurrent reads of control values; such a read may wait for another computer.
+/// Maximum number of concurrent reads of control values that do not use the worker; such a read may wait for another
+/// computer.
 const MAX_CONTROL_READERS: usize = 1;
 
 fn run_http_server(listener: TcpListener, app: AppState, router: Router) -> std::io::Result<()> {

@@ -17,7 +17,7 @@ use crate::store::{
 };
 use machine::record::estimate::Verdict;
 
-/// Period of the journal query; another process that measures does not notify this service.
+/// Maximum time between two queries of the journal; another process that measures does not notify this service.
 const JOURNAL_POLL_PERIOD: Duration = Duration::from_secs(10);
 /// Maximum time by which a result may be later than the clock, because the clock may have been set back since.
 const MAX_TOLERATED_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1);
@@ -32,8 +32,8 @@ pub struct NewestResult {
     pub measured: Timestamp,
     #[schema(value_type = VerdictSchema)]
     pub verdict: Verdict,
-    /// Whether the result no longer describes the machine: it is older than `[serve] verdict_h`, or later than this
-    /// computer's clock, or a newer run is measured and not identified.
+    /// Whether the result no longer describes the machine: it is older than `[serve] verdict_h`, or more than one hour
+    /// later than this computer's clock, or a newer run is measured and not identified.
     pub outdated: bool,
 }
 
@@ -46,7 +46,8 @@ impl NewestResult {
     }
 }
 
-/// Whether a result measured at `ended` is older than `verdict_validity`, or later than this computer's clock.
+/// Whether a result measured at `ended` is older than `verdict_validity`, or later than this computer's clock by more
+/// than [`MAX_TOLERATED_CLOCK_SETBACK`].
 fn has_invalid_age(ended: Timestamp, verdict_validity: Duration, now: Timestamp) -> bool {
     let validity = SignedDuration::try_from(verdict_validity).unwrap_or(SignedDuration::MAX);
     let age = now.duration_since(ended);
@@ -80,7 +81,8 @@ pub fn newest_result_of_each_method(
     results.into_iter().map(with_validity).collect()
 }
 
-/// Queries the journal whenever a run may have ended, for as long as the process lives.
+/// Queries the journal for the newest runs whenever a run may have ended, at least every [`JOURNAL_POLL_PERIOD`], for
+/// as long as the process lives.
 pub async fn refresh_newest_runs(app: AppState, machine: ServedMachine) {
     let mut changes = machine.gate.subscribe_changes();
     loop {

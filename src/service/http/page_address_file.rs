@@ -7,10 +7,12 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+/// Content of the file `page.json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PageAddressFile {
     /// Process ID of the daemon; a file that another process has left is ignored.
     pub pid: u32,
+    /// Address and port of the page.
     pub page: SocketAddr,
     /// By machine: SHA-256 of its machine file.
     #[serde(rename = "machine_files")]
@@ -29,7 +31,7 @@ impl PageAddressFile {
         std::fs::rename(new_file, file)
     }
 
-    /// The file of the daemon `pid`; `None` if that daemon has no page.
+    /// The file of the daemon `pid`; `None` if that daemon has no page, or the file cannot be read.
     pub fn read(pid: u32, folder: &Path) -> Option<Self> {
         let text = std::fs::read(Self::path(folder)).ok()?;
         serde_json::from_slice(&text).ok().filter(|known: &Self| known.pid == pid)

@@ -24,7 +24,8 @@ const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; script-src 'self'; co
                       style-src 'self' 'unsafe-inline'; form-action 'self'; frame-ancestors 'none'; \
                       base-uri 'none'";
 
-/// Host names of this server.
+/// Host names of this server as a client may write them in the header Host, with the port where it is needed; lower
+/// case.
 #[derive(Debug, Clone)]
 pub struct OwnHostNames(Arc<[String]>);
 
@@ -67,6 +68,8 @@ async fn check_headers_and_limit_time(State(names): State<OwnHostNames>, request
     }
 }
 
+/// Checks that the header Host is a name of this server and, for a request that changes something, that a page of
+/// this server or a program has sent the request.
 fn check_host_and_origin(names: &OwnHostNames, request: &Request) -> Result<(), Problem> {
     let headers = request.headers();
     let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());

@@ -53,7 +53,8 @@ async fn get_results_file(State(app): State<AppState>, Path(run): Path<i64>) -> 
     Ok(attachment(CSV_CONTENT_TYPE, &run_files::results_file_name(run), table))
 }
 
-/// `file_name`: only letters, digits, `-` and `.`, so that it needs no escaping.
+/// Response that the browser saves as a file. `file_name`: only letters, digits, `-` and `.`, so that it needs no
+/// escaping.
 pub(super) fn attachment(content_type: &'static str, file_name: &str, content: Vec<u8>) -> Response {
     let disposition = format!("attachment; filename=\"{file_name}\"");
     ([(CONTENT_TYPE, content_type.to_owned()), (CONTENT_DISPOSITION, disposition)], content).into_response()

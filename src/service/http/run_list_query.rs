@@ -53,7 +53,7 @@ impl RunListQuery {
         item_limit(self.limit)
     }
 
-    /// The filters as further parameters of a link.
+    /// The filters as further parameters of a link, each with `&` before it; without the range and the limit.
     pub fn filter_query(&self) -> String {
         let verdict = self.verdict.map(|verdict| verdict.to_string());
         let chosen =

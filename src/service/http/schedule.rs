@@ -103,6 +103,7 @@ async fn report_due(action: ActionRequest<DueCycleRequest>) -> Result<Response, 
     respond_with_agenda(&action).await
 }
 
+/// Requests the start from the scheduler, waits for its decision, and writes the decision to the audit log.
 async fn start_due_cycle_and_audit(action: &ActionRequest<DueCycleRequest>, who: String) -> Result<(), Problem> {
     let (machine, DueCycleRequest { cycle, why, .. }) = (&action.machine, &action.body);
     let result = match machine.gate.start_due_cycle(*cycle, who.clone()) {
@@ -117,6 +118,7 @@ async fn start_due_cycle_and_audit(action: &ActionRequest<DueCycleRequest>, who:
     })
 }
 
+/// Response to an accepted action: a redirect for a form, the schedule for a program.
 async fn respond_with_agenda<T>(action: &ActionRequest<T>) -> Result<Response, Problem> {
     let ActionRequest { app, machine, is_form, .. } = action;
     Ok(match is_form {

@@ -17,6 +17,8 @@ pub struct Calendar {
 }
 
 impl Calendar {
+    /// Parses a pattern of five fields (minute, hour, day, month, weekday) and the name of a time zone. An error, as
+    /// a message for the user, also if the pattern is never due.
     pub fn new(pattern: &str, zone: &str) -> Result<Self, String> {
         let parser = CronParser::builder().seconds(Seconds::Disallowed).year(Year::Disallowed).build();
         let cron = parser.parse(pattern).map_err(|error| {

@@ -4,16 +4,20 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::calendar::Calendar;
 
-/// Maximum delay of a check after a slot's time; beyond it, the slot is missed, although the service was running.
+/// Maximum delay of a check after a slot's time, inclusive; beyond it, the slot is missed, although the service was
+/// running.
 const MAX_SLOT_CHECK_DELAY: SignedDuration = SignedDuration::from_mins(1);
 /// Maximum number of missed slots that are reported one by one.
 const MAX_REPORTED_MISSED_SLOTS: usize = 50;
 
+/// Slots of one schedule between two checks of the clock.
 #[derive(Debug, Default, PartialEq)]
 pub struct DueAndMissedSlots {
     /// Missed slots, oldest first; only the newest of them if `has_more_missed` is set.
     pub missed: Vec<Timestamp>,
+    /// Whether slots before those in `missed` were missed too.
     pub has_more_missed: bool,
+    /// The newest slot, if a check found it in time; earlier slots are never due.
     pub due: Option<Timestamp>,
 }
 

@@ -26,6 +26,7 @@ pub enum OverlapPolicy {
     /// Waits for the end of the run, until the latest start.
     #[default]
     Wait,
+    /// Skips the slot at once.
     Skip,
 }
 
@@ -33,13 +34,18 @@ pub enum OverlapPolicy {
 #[serde(deny_unknown_fields)]
 struct ScheduleKeys {
     name: String,
+    /// Number of the cycle that the schedule starts.
     cycle: u16,
-    /// Time pattern.
+    /// Cron pattern of five fields, e.g. `30 5 * * 1-5`.
     at: String,
+    /// Name of the time zone of the pattern, e.g. `Europe/Berlin`.
     zone: String,
+    /// Maximum delay of the start after the scheduled time, minutes; default 30.
     latest_min: Option<u32>,
+    /// Minimum time for which the control must have executed no program, minutes; 0: no condition.
     #[serde(default)]
     idle_min: u32,
+    /// Further conditions that the machine must report.
     #[serde(default)]
     ready: Vec<ReadinessCondition>,
     #[serde(default)]
@@ -54,12 +60,14 @@ pub struct ScheduleEntry {
     pub cycle: u16,
     /// Pattern as written in the machine file.
     pub cron_pattern: String,
+    /// Name of the time zone as written in the machine file.
     pub zone: String,
     pub calendar: Calendar,
     /// Maximum delay of the start after the scheduled time.
     pub max_start_delay: Duration,
-    /// Minimum time for which the control must have executed no program.
+    /// Minimum time for which the control must have executed no program; 0: no condition.
     pub min_idle_time: Duration,
+    /// Conditions that the machine must report in addition to the interlocks that `[serve]` demands.
     pub required_conditions: Vec<ReadinessCondition>,
     pub overlap_policy: OverlapPolicy,
 }

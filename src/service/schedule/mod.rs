@@ -64,7 +64,8 @@ pub fn start_scheduler(
     Ok(result_receiver.recv().map_err(|_| died())??)
 }
 
-/// Checks the schedules every second, and starts the cycles that clients report as due, until the service ends.
+/// Checks the schedules every second, and at each request that a client reports a cycle as due, which it then
+/// executes; until the service ends.
 fn run_scheduler(mut scheduler: Scheduler, start_requests: &Receiver<StartDueCycleRequest>) {
     let clock = HostClock::start();
     loop {

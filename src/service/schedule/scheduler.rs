@@ -22,27 +22,35 @@ const DUE_REPORT_REPETITION_TIME: SignedDuration = SignedDuration::from_mins(5);
 /// Number of next times in the displayed plan.
 const SHOWN_NEXT_TIME_COUNT: usize = 3;
 
+/// A schedule of the machine file and the state of its slots.
 struct TrackedSchedule {
     entry: ScheduleEntry,
-    /// Time of the last slot that the journal has recorded.
+    /// Time up to which the slots have an outcome in the journal; for a new schedule, the time of its registration.
     last_recorded_slot_time: Timestamp,
     /// The due slot that waits: time of the slot, and the reason why it has not started.
     waiting_slot_time_and_reason: Option<(Timestamp, String)>,
 }
 
+/// Scheduler of one machine.
 pub struct Scheduler {
     slot_recorder: SlotRecorder,
     gate: CommandGate,
+    /// Interlocks that `[serve]` demands.
     required_interlocks: Vec<StartInterlock>,
     tracked_schedules: Vec<TrackedSchedule>,
+    /// System time of the last check; `None` before the first.
     last_clock_check: Option<Timestamp>,
+    /// Combined readiness at the last check; `None` without a source, or while a source is stale.
     readiness: Option<Readiness>,
     /// Time since which the control is known to execute no program, monotonic clock, s.
     idle_since_s: Option<f64>,
+    /// Time since `idle_since_s` at the last check; `None`: not idle, or not reported.
     idle_time: Option<Duration>,
     /// The slot whose run is in progress, and the gate's number of accepted starts at its start.
     running_slot_and_start_count: Option<(ScheduleSlot, u16)>,
+    /// Whether the machine was held or failed at the last check.
     was_held_or_failed: bool,
+    /// Unix time of the last publication of the schedules, whole minutes.
     last_published_minute: i64,
 }
 
@@ -130,6 +138,7 @@ impl Scheduler {
         found.due.is_some() || !found.missed.is_empty() || before != track.waiting_slot_time_and_reason
     }
 
+    /// Records the missed slots of `found` with their reason; its due slot is not touched.
     fn record_missed_slots(&self, track: &mut TrackedSchedule, found: &DueAndMissedSlots) {
         let TrackedSchedule { entry, last_recorded_slot_time: last_recorded, .. } = track;
         if found.has_more_missed {
@@ -186,6 +195,7 @@ impl Scheduler {
         track.waiting_slot_time_and_reason = Some((at, reason));
     }
 
+    /// Decides whether `cycle` may start now. An arming that a run has broken is ended in the journal first.
     fn start_decision(
         &self,
         cycle: u16,
@@ -201,7 +211,8 @@ impl Scheduler {
         Ok(decide_start(requirements, &CurrentConditions { now, gate_refusal, arming, readiness, idle_time }))
     }
 
-    /// Starts a cycle: first in the journal, then at the gate.
+    /// Starts a cycle: first in the journal, then at the gate. After a refusal of the gate, the slot is recorded as
+    /// skipped.
     fn start_slot(&mut self, schedule: &str, cycle: u16, at: Timestamp) -> Result<(), NotStartedReason> {
         let slot = self.slot_recorder.new_slot(schedule, cycle, at, SlotOutcome::Started);
         if !self.slot_recorder.write_slot(&slot) {
@@ -228,6 +239,7 @@ impl Scheduler {
         let _ = result_sender.send(self.start_due_cycle(cycle, now));
     }
 
+    /// Starts `cycle` at once, or records the request as skipped; such a request never waits.
     fn start_due_cycle(&mut self, cycle: u16, now: Timestamp) -> Result<(), NotStartedReason> {
         let name = format!("{DUE_REQUEST_SCHEDULE_NAME_PREFIX} {cycle}");
         // The conditions of all schedules of this cycle apply.
@@ -292,6 +304,7 @@ impl Scheduler {
         }
     }
 
+    /// Writes the schedules with their next times to the machine state.
     fn publish_schedules(&self, now: Timestamp) {
         let all = self.tracked_schedules.iter().map(
             |TrackedSchedule { entry, waiting_slot_time_and_reason: waiting_slot, .. }| {

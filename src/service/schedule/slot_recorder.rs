@@ -7,11 +7,12 @@ use jiff::Timestamp;
 use crate::service::Log;
 use crate::store::{Arming, Journal, RunId, ScheduleSlot, SlotOutcome, StoreError};
 
-/// Number of recent slots that a query reads; older slots are not found.
+/// Number of recent slots of the machine that a query reads; older slots are not found.
 const MAX_RECENT_SLOTS: usize = 1000;
 /// Name under which the journal records that the program itself ended an arming.
 const AUTOMATIC_DISARM_ACTOR: &str = "trued";
 
+/// Writes the outcomes of the slots of `machine` to the journal and the log.
 pub struct SlotRecorder {
     pub machine: String,
     pub journal: Arc<Journal>,
@@ -19,12 +20,14 @@ pub struct SlotRecorder {
 }
 
 impl SlotRecorder {
+    /// A slot without a reason and without a run; nothing is written.
     pub fn new_slot(&self, schedule: &str, cycle: u16, at: Timestamp, outcome: SlotOutcome) -> ScheduleSlot {
         let (machine, schedule) = (self.machine.clone(), schedule.to_owned());
         ScheduleSlot { machine, schedule, cycle, at, outcome, why: String::new(), run: 0 }
     }
 
-    /// Writes the slot to the journal. Returns `false` if its outcome was decided before, or on a journal error.
+    /// Writes the slot to the journal. Returns `false` if an earlier outcome is kept, or on a journal error. A missed
+    /// slot may still start, and a started slot gets its final outcome.
     pub fn write_slot(&self, slot: &ScheduleSlot) -> bool {
         self.journal.store_slot(slot).wait().unwrap_or_else(|error| {
             self.log.error(&format!("schedule {}: {error}; {}", slot.schedule, error.remedy()));
@@ -50,7 +53,8 @@ impl SlotRecorder {
         self.journal.newest_slots(&self.machine, MAX_RECENT_SLOTS)
     }
 
-    /// Whether the slot may still start: it has no outcome, or was only missed.
+    /// Whether the slot may still start: it has no outcome, or was only missed. `true` also if the journal cannot be
+    /// read; the start is then refused later.
     pub fn may_slot_start(&self, schedule: &str, at: Timestamp) -> bool {
         let slots = self.recent_slots().unwrap_or_default();
         let slot = slots.iter().find(|slot| slot.schedule == schedule && slot.at == at);
@@ -64,7 +68,8 @@ impl SlotRecorder {
         }
     }
 
-    /// Records how the run of a started slot has ended; returns whether the run has a result.
+    /// Records how the run of a started slot has ended; returns whether the run has an estimate, whatever its
+    /// verdict.
     pub fn record_slot_outcome(&self, slot: ScheduleSlot) -> bool {
         let stored = (slot.run > 0).then(|| self.journal.load_run(RunId(slot.run)));
         let (outcome, why) = match stored {

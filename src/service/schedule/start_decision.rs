@@ -19,9 +19,13 @@ const MAX_TOLERATED_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1
 #[derive(Debug, Clone)]
 pub struct StartRequirements<'a> {
     pub required_interlocks: &'a [StartInterlock],
+    /// Conditions that the machine must report in addition to the interlocks.
     pub required_conditions: &'a [ReadinessCondition],
+    /// Minimum time for which the control must have executed no program; 0: no condition.
     pub min_idle_time: Duration,
     pub overlap_policy: OverlapPolicy,
+    /// After this time an unmet condition skips the slot instead of letting the slot wait. A slot whose conditions
+    /// all hold starts even then.
     pub latest_start: Timestamp,
 }
 
@@ -29,24 +33,29 @@ pub struct StartRequirements<'a> {
 #[derive(Debug, Clone)]
 pub struct CurrentConditions<'a> {
     pub now: Timestamp,
-    /// Reason for which the gate would refuse a start now.
+    /// Reason for which the gate would refuse a start now; `None`: the gate would accept.
     pub gate_refusal: Option<Refusal>,
-    /// Last arming of this cycle.
+    /// Last arming of this cycle, valid or not; `None`: never armed.
     pub arming: Option<&'a Arming>,
-    /// Readiness that the machine reports; `None` without a fresh report.
+    /// Combined readiness that the machine reports; `None` without a source, or while a source is stale.
     pub readiness: Option<Readiness>,
     /// Time for which the machine has reported without a break that the control executes no program, and for which no
-    /// run of this service was in progress.
+    /// run of this service was in progress. `None`: not idle, or not reported.
     pub idle_time: Option<Duration>,
 }
 
+/// Decision about a due slot.
 #[derive(Debug)]
 pub enum StartDecision {
     Start,
+    /// Decide again at the next check.
     Wait(NotStartedReason),
+    /// The slot does not start any more.
     Skip(NotStartedReason),
 }
 
+/// Skips without a valid arming; starts if all conditions hold; otherwise waits until the latest start. A plan with
+/// prompts, and a run in progress under [`OverlapPolicy::Skip`], skip at once.
 pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &CurrentConditions<'_>) -> StartDecision {
     if let Err(why) = check_arming(conditions.arming, conditions.now) {
         return StartDecision::Skip(why);
@@ -86,6 +95,7 @@ pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), NotSt
     }
 }
 
+/// First condition that does not hold; `None`: all hold. The arming is not checked here.
 fn unmet_condition(
     requirements: &StartRequirements<'_>,
     conditions: &CurrentConditions<'_>,
@@ -113,6 +123,7 @@ fn unmet_condition(
     unmet_idle_time(requirements.min_idle_time, conditions.idle_time)
 }
 
+/// Why the idle time is too short; `None`: long enough, or not required.
 fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<NotStartedReason> {
     let minutes = |span: Duration| span.as_secs() / 60;
     match idle_time {

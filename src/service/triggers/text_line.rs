@@ -19,6 +19,7 @@ use link::{LineEvent, LineLink, LinkConfig, LinkError};
 const PORT_REOPEN_DELAY: Duration = Duration::from_secs(2);
 /// Time between two checks whether a started run has its number.
 const RUN_NUMBER_POLL_PERIOD: Duration = Duration::from_millis(20);
+/// Name of the text line as a client, in the log and in the journal.
 const TRIGGER_LINE_ACTOR: &str = "the trigger line";
 /// Time for which a `TELL` stays valid.
 const READINESS_REPORT_VALIDITY: Duration = Duration::from_secs(10);
@@ -43,11 +44,14 @@ pub async fn serve_trigger_line(config: LinkConfig, gate: CommandGate, log: Log)
     }
 }
 
+/// Readiness of the last `TELL`; after [`READINESS_REPORT_VALIDITY`] no condition holds and the interlocks are not
+/// fresh.
 fn fresh_readiness(last: &LastReadinessReport) -> Readiness {
     let report = lock(last).filter(|(when, _)| when.elapsed() <= READINESS_REPORT_VALIDITY);
     report.map(|(_, readiness)| readiness).unwrap_or_default()
 }
 
+/// Opens the port and serves it until a link error.
 async fn serve_open_port(
     config: &LinkConfig,
     gate: &CommandGate,
@@ -121,12 +125,14 @@ fn execute_line_and_check_pending_start(
     Ok(false)
 }
 
+/// Records the refusal of the line; returns the response.
 fn refuse_unreadable_line(gate: &CommandGate) -> String {
     gate.record_refusal(Refusal::Unreadable, &format!("request of {TRIGGER_LINE_ACTOR}"));
     format!("REFUSED {}", Refusal::Unreadable)
 }
 
-/// Readiness that the words of a `TELL` report; `None` for an unknown word.
+/// Readiness that the words of a `TELL` report; a condition without its word does not hold. `None` for an unknown
+/// word.
 fn parse_readiness(words: &[&str]) -> Option<Readiness> {
     let mut readiness = Readiness::default();
     let mut interlock_words = Vec::new();
@@ -142,7 +148,8 @@ fn parse_readiness(words: &[&str]) -> Option<Readiness> {
     Some(Readiness { interlocks: parse_interlocks(&interlock_words)?, ..readiness })
 }
 
-/// Interlocks that the words of a line report; `None` for an unknown word.
+/// Fresh interlocks that the words of a line report; one without its word does not hold, and a stop input is never
+/// set. `None` for an unknown word.
 fn parse_interlocks(words: &[&str]) -> Option<Interlocks> {
     let mut interlocks = Interlocks { is_fresh: true, ..Interlocks::default() };
     for word in words {

@@ -24,8 +24,9 @@ const DRAFT_TEMPLATE: &str = include_str!("machine.toml.j2");
 pub struct MachineFileDraft {
     /// Keys of `[controller]`, with `kind`.
     pub controller_keys: toml::Table,
+    /// `None`: the draft gets a name that the operator must replace.
     pub machine_name: Option<String>,
-    /// Topology, if the user has given it.
+    /// Topology that the user has given; `None`: that of a trunnion table with the axes that the control drives.
     pub topology: Option<String>,
 }
 
@@ -53,7 +54,7 @@ impl MachineFileDraft {
         Ok(controller.identify_device().await?)
     }
 
-    /// Possible causes why the query of the device information ended with `failure`.
+    /// Possible causes why the query of the device information ended with `failure`, the most likely first.
     pub async fn diagnose_connection_failure(
         &self,
         control: &dyn ControllerConfig,
@@ -110,7 +111,8 @@ fn replace_control_characters(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// Template values of one axis. Without limits from the control the range is kept short.
+/// Template values of one axis; linear axes in mm, rotary axes in degrees. Without limits from the control the range
+/// is kept short: ±100 mm, ±360° for C, ±90° for A and B; a reported travel length is centred at zero.
 fn axis_template_values(axis: Axis, reported: ReportedAxisProperties) -> Value {
     let turns = !axis.is_linear();
     let half = match axis {

@@ -2,7 +2,8 @@
 
 use machine::Axis;
 
-/// Topology of trunnion tables, after ISO 10791: the rotary axes carry the part, the linear axes the spindle.
+/// Topology of trunnion tables, after ISO 10791, with at most two rotary axes of `driven`: the rotary axes carry the
+/// part, the linear axes the spindle.
 pub(super) fn default_topology(driven: &[Axis]) -> String {
     let has = |axis: &Axis| driven.contains(axis);
     let rotary: &[Axis] = match [Axis::A, Axis::B, Axis::C].map(|axis| has(&axis)) {
@@ -32,6 +33,7 @@ pub(super) fn moving_axes(topology: &str) -> Vec<Axis> {
     axes
 }
 
+/// Components from the workpiece `w` to the tool `t`, as written.
 fn topology_components(topology: &str) -> impl Iterator<Item = &str> {
     let inside = topology.trim_start_matches("V[").trim_end_matches(']');
     inside.split('-')

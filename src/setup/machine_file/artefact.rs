@@ -15,8 +15,8 @@ use machine::record::artefact::{Artefact, Balls};
 /// Maximum standard uncertainty of a certificate, mm. A larger value is refused, because its unit is probably wrong.
 const MAX_CERTIFICATE_STD_U_MM: f64 = 0.1;
 
-/// Keys of the placement of balls: origin of their coordinates in the table frame, and rotation about its Z
-/// axis.
+/// Keys of the placement of balls: origin of their coordinates in the table frame, and rotation about the Z axis of
+/// these coordinates, which is applied first.
 const BALL_PLACEMENT_KEYS: [&str; 2] = ["origin_mm", "turned_deg"];
 
 /// Source of the artefact's data outside the text of a machine file.
@@ -40,6 +40,7 @@ struct ArtefactKindKey {
 #[serde(deny_unknown_fields)]
 struct NoKeys {}
 
+/// Artefact of `[artefact]`, in the table frame; a recorded artefact is returned unchanged.
 pub fn read_artefact(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Artefact, MachineFileError> {
     if let ArtefactSource::RecordedArtefact(artefact) = source {
         return Ok(artefact.clone());
@@ -67,6 +68,7 @@ fn read_artefact_fields<T: DeserializeOwned>(
     })
 }
 
+/// Balls of `[artefact]` or of its table, checked and transformed into the table frame.
 fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
     let other_keys = [&["kind", "file"], &BALL_PLACEMENT_KEYS[..], &DefaultBallData::KEYS[..]].concat();
     let mut balls: Balls = read_artefact_fields(document, &other_keys)?;
@@ -120,7 +122,8 @@ fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Bal
     Ok(balls)
 }
 
-/// Transforms the balls from the artefact's own coordinates into the table frame.
+/// Transforms centres and stems from the artefact's own coordinates into the table frame: turned about Z by
+/// `turned_deg` (positive from X to Y), then the centres shifted by `origin_mm`.
 fn transform_balls_to_table_frame(balls: &mut Balls, origin_mm: [f64; 3], turned_deg: f64) {
     let (sin, cos) = turned_deg.to_radians().sin_cos();
     let turned = |[x, y, z]: [f64; 3]| match turned_deg == 0.0 {
@@ -134,10 +137,12 @@ fn transform_balls_to_table_frame(balls: &mut Balls, origin_mm: [f64; 3], turned
     }
 }
 
+/// Value of one key of `[artefact]`; `None` if the file does not state it.
 fn read_artefact_key<T: DeserializeOwned>(document: &TomlDocument, name: &str) -> Result<Option<T>, MachineFileError> {
     document.read_section(&["artefact", name], T::deserialize)
 }
 
+/// The table of balls that `file` of `[artefact]` names.
 struct BallCsvTable {
     file_path: String,
     columns: BallCsvColumns,

@@ -7,22 +7,33 @@ use machine::Axis;
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
-const ASSUMED_LINEAR_MOTION_STD_U_UM: f64 = 1.0;
-const ASSUMED_ANGULAR_MOTION_STD_U_URAD: f64 = 5.0;
-const ASSUMED_ROTARY_MOTION_STD_U_UM: f64 = 0.5;
+/// Error motion of a linear axis along each of X, Y and Z: positioning and straightness.
+const ASSUMED_LINEAR_AXIS_ERROR_MOTION_STD_U_UM: f64 = 1.0;
+/// Angular error motion of a linear axis: roll, pitch and yaw, each.
+const ASSUMED_LINEAR_AXIS_ANGULAR_ERROR_MOTION_STD_U_URAD: f64 = 5.0;
+/// Error motion of a rotary axis along each of X, Y and Z.
+const ASSUMED_ROTARY_AXIS_ERROR_MOTION_STD_U_UM: f64 = 0.5;
+/// Lost motion at a reversal of a linear axis that remains after the control's compensation.
 const ASSUMED_BACKLASH_STD_U_UM: f64 = 1.0;
+/// Step of the displayed position of a linear axis; not a standard uncertainty.
 const ASSUMED_RESOLUTION_UM: f64 = 1.0;
+/// Direction-dependent pre-travel of the probe.
 const ASSUMED_LOBING_STD_U_UM: f64 = 0.5;
+/// Stated stylus offset in each of X and Y.
 const ASSUMED_STYLUS_OFFSET_STD_U_UM: f64 = 0.8;
+/// Rate of the thermal drift between table and spindle in each of X, Y and Z.
 const ASSUMED_DRIFT_STD_U_UM_PER_H: f64 = 5.0;
+/// Squareness error between each two of X, Y and Z.
 const ASSUMED_SQUARENESS_STD_U_URAD: f64 = 10.0;
-/// Standard uncertainty of the temperature (about 20 °C) of a certified length without a stated temperature.
+/// Standard uncertainty of the temperature of a certified length, or of certified ball centres, without a stated
+/// temperature, which is then taken as 20 °C.
 const ASSUMED_TEMPERATURE_STD_U_K: f64 = 2.0;
-/// Thermal expansion of steel, assumed where the file states no expansion.
+/// Coefficient of thermal expansion (steel) of a certified length, or of the base of certified balls, without a
+/// stated temperature, if the file does not state the coefficient.
 const ASSUMED_EXPANSION_UM_PER_M_K: f64 = 11.5;
 
-/// Sets each value that `[machine]`, `[axes]` and `[probe]` do not state to its assumed value. Returns the keys of
-/// these values, e.g. `axes.X.backlash_um`.
+/// Sets each value that `[machine]`, `[axes]` and `[probe]` do not state to its assumed value; a stated 0 is kept.
+/// Returns the keys of the assumed values, e.g. `axes.X.backlash_um`.
 ///
 /// # Errors
 /// The text cannot be read.
@@ -47,11 +58,15 @@ pub fn fill_assumed_values(
         let key = |key| ["axes", name.as_str(), key];
         if axis.is_linear() {
             fill(&key("resolution_um"), &mut spec.resolution_um, ASSUMED_RESOLUTION_UM)?;
-            fill(&key("error_motion_um"), &mut spec.error_motion_um, ASSUMED_LINEAR_MOTION_STD_U_UM)?;
-            fill(&key("angular_motion_urad"), &mut spec.angular_motion_urad, ASSUMED_ANGULAR_MOTION_STD_U_URAD)?;
+            fill(&key("error_motion_um"), &mut spec.error_motion_um, ASSUMED_LINEAR_AXIS_ERROR_MOTION_STD_U_UM)?;
+            fill(
+                &key("angular_motion_urad"),
+                &mut spec.angular_motion_urad,
+                ASSUMED_LINEAR_AXIS_ANGULAR_ERROR_MOTION_STD_U_URAD,
+            )?;
             fill(&key("backlash_um"), &mut spec.backlash_um, ASSUMED_BACKLASH_STD_U_UM)?;
         } else if *axis != Axis::S {
-            fill(&key("error_motion_um"), &mut spec.error_motion_um, ASSUMED_ROTARY_MOTION_STD_U_UM)?;
+            fill(&key("error_motion_um"), &mut spec.error_motion_um, ASSUMED_ROTARY_AXIS_ERROR_MOTION_STD_U_UM)?;
         }
     }
     fill(&["probe", "lobing_um"], &mut probe.lobing_um, ASSUMED_LOBING_STD_U_UM)?;
@@ -60,7 +75,7 @@ pub fn fill_assumed_values(
 }
 
 /// Fills in the temperature uncertainty and the expansion of certified lengths and centres of `artefact` without a
-/// stated temperature; appends the keys to `assumed_keys`.
+/// stated temperature; for a length, 0 counts as not stated. Appends the keys to `assumed_keys`.
 pub fn fill_assumed_thermal_values(artefact: &mut Artefact, assumed_keys: &mut Vec<String>) {
     let Artefact::Balls(balls) = artefact else { return };
     if balls.certificate_u_mm.is_some() && balls.temperature_c.is_none() {

@@ -7,7 +7,9 @@ use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use super::key_hint;
 use machine::record::artefact::Ball;
 
+/// Required columns; `radius_mm` only if `[artefact]` does not state it.
 const REQUIRED_COLUMNS: [&str; 5] = ["ball", "x_mm", "y_mm", "z_mm", "radius_mm"];
+/// Optional columns.
 const STEM_COLUMNS: [&str; 5] = ["stem_x", "stem_y", "stem_z", "stem_radius_mm", "stem_length_mm"];
 
 /// A ball and its line number (from 1).
@@ -17,8 +19,10 @@ pub type BallWithLineNumber = (Ball, usize);
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 pub struct DefaultBallData {
     pub radius_mm: Option<f64>,
+    /// Direction from the ball's centre along the stem to its foot, in the coordinates of the table.
     pub stem: Option<[f64; 3]>,
     pub stem_radius_mm: Option<f64>,
+    /// Length of the stem from the ball's centre.
     pub stem_length_mm: Option<f64>,
 }
 
@@ -73,7 +77,7 @@ pub fn parse_ball_csv(
     Ok((columns.unwrap_or_default(), balls))
 }
 
-/// Name of the table column for a ball's key.
+/// Name of the table column for a ball's key; of the three columns of a vector the first.
 pub fn column_of_key(key: &str) -> &str {
     match key {
         "id" => "ball",
@@ -119,6 +123,8 @@ impl BallCsvColumns {
         Ok(Self { names: names.into_iter().map(str::to_owned).collect() })
     }
 
+    /// The ball of one row, in the coordinates of the table. Without a stem direction in row and `common`, the stem
+    /// points along −Z; a missing radius or length of the stem is 0.
     fn parse_ball(&self, record: &csv::StringRecord, common: &DefaultBallData) -> Result<Ball, MachineFileProblem> {
         let text = |name: &str| {
             let index = self.names.iter().position(|column| column == name)?;

@@ -10,8 +10,11 @@ use planning::gcode::Dialect;
 /// One kind of compensation values of the control, from `[compensation.KIND]`.
 #[derive(Debug, Clone)]
 pub enum CompensationConfig {
+    /// Kinematics of a tilting rotary table in LinuxCNC; the values are HAL pins.
     LinuxcncTrunnion(LinuxcncHalConfig),
+    /// Compensation files of LinuxCNC for linear axes.
     LinuxcncJointTables(LinuxcncHalConfig),
+    /// Work offset of LinuxCNC or grblHAL, set by `G10 L2`.
     WorkOffset(WorkOffsetConfig),
 }
 
@@ -43,7 +46,7 @@ struct CompensationKeys {
 }
 
 impl CompensationConfig {
-    /// Key of `[compensation]`.
+    /// Key of `[compensation]`; it also names the kind of values in the journal and in requests (`target`).
     pub fn kind(&self) -> &'static str {
         match self {
             Self::LinuxcncTrunnion(_) => "linuxcnc-trunnion",
@@ -52,7 +55,8 @@ impl CompensationConfig {
         }
     }
 
-    /// Whether readings contain the effect of the values.
+    /// Whether the control applies the values to the axis positions that the readings contain: true for the
+    /// compensation files of linear axes alone.
     pub fn is_in_readings(&self) -> bool {
         matches!(self, Self::LinuxcncJointTables(_))
     }
@@ -78,7 +82,8 @@ pub fn read_compensation(document: &TomlDocument, dialect: &str) -> Result<Vec<C
     Ok(all.into_iter().flatten().collect())
 }
 
-/// Refuses the slot of the dialect and the slots of higher P numbers: a control without G59.1 to G59.3 has none after G59.
+/// Refuses the slot that the programs of the dialect use, and the slots of higher P numbers: a control without G59.1
+/// to G59.3 has none after G59.
 fn check_slot(document: &TomlDocument, slot: WorkOffsetSlot, dialect: &str) -> Result<(), MachineFileError> {
     // An unknown dialect is refused elsewhere.
     let Ok(dialect) = Dialect::from_name(dialect) else { return Ok(()) };

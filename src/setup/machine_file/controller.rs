@@ -13,6 +13,7 @@ use devices::controllers;
 use crate::setup::controls;
 use crate::setup::simulated::SimulatedControlConfig;
 
+/// Value of `kind` that selects a simulated control.
 const SIMULATED_CONTROL_KIND: &str = "simulated";
 
 /// `[controller]` of the machine file.

@@ -19,6 +19,7 @@ pub struct TomlDocument {
 }
 
 impl TomlDocument {
+    /// Checks that `text` is valid TOML; `file` is the name in errors.
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
         let document = Self { file_name: file.to_owned(), text };
         document.parse_root()?;
@@ -32,6 +33,7 @@ impl TomlDocument {
         Self::parse(&file, text)
     }
 
+    /// Text as it was read.
     pub fn text(&self) -> &str {
         &self.text
     }
@@ -137,7 +139,7 @@ impl TomlDocument {
         self.error_at_entry(path, index, key, problem)
     }
 
-    /// Error for entry `index` of the list `[[name]]`.
+    /// Error for entry `index` of the list `[[name]]`, at the line of the entry's key `name`.
     pub fn entry_error(&self, name: &str, index: usize, why: impl Into<String>) -> MachineFileError {
         self.error_at_entry(&[name], index, "name", value_problem(&[name], why.into()))
     }
@@ -180,6 +182,7 @@ impl TomlDocument {
         self.error_at_offset(fault.byte_offset, problem)
     }
 
+    /// Error at the line of the byte `offset`; `None`: without a line.
     fn error_at_offset(&self, offset: Option<usize>, problem: MachineFileProblem) -> MachineFileError {
         let line = offset.and_then(|offset| self.text.get(..offset)).map(|head| head.matches('\n').count() + 1);
         MachineFileError::InvalidContent { place: FileLocation { file: self.file_name.clone(), line }, problem }

@@ -14,7 +14,7 @@ use machine::record::machine::Machine;
 pub struct AxisEncoder {
     /// Axis that turns the encoder.
     pub axis: Axis,
-    /// Counts per turn; negative if the count decreases while the control's angle increases.
+    /// Counts per revolution of the axis; negative if the count decreases while the control's angle increases.
     pub counts_per_turn: i64,
 }
 

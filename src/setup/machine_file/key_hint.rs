@@ -1,6 +1,6 @@
 //! The nearest known key and its unit: most wrong keys are typing errors or have a wrong unit.
 
-/// Key suffixes that state a unit, longest first, and the unit as displayed.
+/// Key suffixes that state a unit, and the unit as displayed; the first suffix that fits counts.
 const UNIT_SUFFIXES: [(&str, &str); 14] = [
     ("_um_per_h", "µm/h"),
     ("_um_per_m", "µm/m"),
@@ -18,7 +18,8 @@ const UNIT_SUFFIXES: [(&str, &str); 14] = [
     ("_c", "°C"),
 ];
 
-/// Splits a key into quantity and unit: `radius_mm` → (`radius`, mm).
+/// Splits a key into quantity and displayed unit: `radius_mm` → (`radius`, mm); without a known suffix, the whole key
+/// and `None`.
 fn split_quantity_and_unit(key: &str) -> (&str, Option<&'static str>) {
     UNIT_SUFFIXES
         .iter()

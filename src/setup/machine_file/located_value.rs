@@ -14,17 +14,29 @@ use toml::de::{DeTable, DeValue};
 /// Kind of fault in a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ValueFaultKind {
-    UnknownKey { key: String, known: &'static [&'static str] },
-    MissingKey { key: &'static str },
-    UnknownValue { value: String, known: &'static [&'static str] },
+    UnknownKey {
+        key: String,
+        known: &'static [&'static str],
+    },
+    MissingKey {
+        key: &'static str,
+    },
+    /// A text that is none of the `known` values.
+    UnknownValue {
+        value: String,
+        known: &'static [&'static str],
+    },
     InvalidValue(String),
 }
 
-/// A fault with its location: the path of keys and the byte offset in the text.
+/// A fault with its location in the text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ValueFault {
     pub kind: ValueFaultKind,
+    /// Keys from the value that is being read down to the value at fault, outermost first; for an unknown or missing
+    /// key, without that key.
     pub key_path: Vec<String>,
+    /// Byte offset in the text, of an unknown key or of the value at fault; `None` until it is known.
     pub byte_offset: Option<usize>,
 }
 
@@ -38,6 +50,7 @@ impl ValueFault {
         self
     }
 
+    /// Adds `key` as the outermost of the path.
     fn within_key(mut self, key: &str) -> Self {
         self.key_path.insert(0, key.to_owned());
         self
@@ -211,7 +224,9 @@ fn collect_keys_and_offsets(value: &DeValue<'_>, keys_and_offsets: &mut Vec<(Str
 
 /// Entries of a table in the order of the text, so that the first error is the topmost.
 struct TableEntries<'i> {
+    /// Entries whose key has not been read.
     remaining_entries: std::vec::IntoIter<(Spanned<Cow<'i, str>>, Spanned<DeValue<'i>>)>,
+    /// Entry whose key has been read, and whose value has not.
     pending_key_and_value: Option<(String, Spanned<DeValue<'i>>)>,
 }
 

@@ -51,6 +51,7 @@ pub use located_value::{LocatedValue, ValueFault};
 use prompt::MachineFilePrompt;
 pub use sensor::{SensorConnection, SensorEntry};
 
+/// Permitted top-level sections.
 const KNOWN_SECTIONS: [&str; 17] = [
     "machine",
     "axes",
@@ -81,17 +82,23 @@ pub struct MachineFile {
     /// Compensation values of the control, one entry for each `[compensation.KIND]`.
     pub compensation: Vec<CompensationConfig>,
     pub probe: Probe,
+    /// Displacement sensors, in the order of the file.
     pub sensors: Vec<SensorEntry>,
-    /// Encoder whose count the sensors' samples contain.
+    /// Encoder whose count the sensors' samples contain; `None`: no sensor transmits a count.
     pub encoder: Option<AxisEncoder>,
     pub thermometers: Vec<thermometer::ThermometerConfig>,
+    /// Boxes that nothing may enter, machine frame.
     pub keepout_boxes: Vec<Keepout>,
+    /// Bodies of the machine that nothing may collide with.
     pub solids: Vec<Solid>,
+    /// Artefact, transformed into the table frame.
     pub artefact: Artefact,
+    /// Prompts of `[[prompt]]`, then one for the zero of each axis without a homing switch.
     prompts: Vec<MachineFilePrompt>,
     /// Tolerances for the verdict. Empty: no verdict.
     pub tolerances: Vec<ParameterTolerance>,
-    /// Keys with assumed values, as the file does not state them, e.g. `axes.X.backlash_um`.
+    /// Keys with assumed values, as the file does not state them, e.g. `axes.X.backlash_um` or
+    /// `artefact.u_temperature_k`.
     pub assumed_keys: Vec<String>,
     /// Data for the report, which no computation uses.
     pub report_data: ReportData,
@@ -196,7 +203,8 @@ impl MachineFile {
         }
     }
 
-    /// Prompts to the operator before `method` measures with `sensors`.
+    /// Prompts to the operator before `method` measures with `sensors`: those of the file for this method, those for
+    /// the zeros of axes without a homing switch and, on a real machine with sensors, one for their mounting.
     pub fn prompts_for_method(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
         let asked = self.prompts.iter().filter(|prompt| prompt.applies_to(method));
         let sensor_prompt = match self.controller_section.control {
@@ -207,7 +215,8 @@ impl MachineFile {
         asked.map(|prompt| prompt.text.clone()).chain(sensor_prompt).collect()
     }
 
-    /// The same machine without the prompts of the file.
+    /// The same machine without the prompts of the file and without those for the zeros of axes. The prompt for the
+    /// mounting of sensors stays.
     pub fn without_prompts(&self) -> Self {
         Self { prompts: Vec::new(), ..self.clone() }
     }
@@ -219,6 +228,7 @@ impl MachineFile {
     }
 }
 
+/// Machine of `[machine]` with the axes of `[axes.X]`, checked; missing keys are not filled in yet.
 fn read_machine(document: &TomlDocument) -> Result<Machine, MachineFileError> {
     if document.key_names(&["machine"])?.iter().any(|key| key == "axes") {
         let problem =

@@ -44,6 +44,7 @@ pub fn read_prompts(document: &TomlDocument, machine: &Machine) -> Result<Vec<Ma
     Ok(prompts.into_iter().chain(unhomed.map(|(axis, _)| zero_mark_prompt(*axis))).collect())
 }
 
+/// Prompt, for all methods, to check the zero of an axis without a homing switch.
 fn zero_mark_prompt(axis: Axis) -> MachineFilePrompt {
     let text = format!(
         "{axis} has no homing switch. Is {axis} at its zero mark when the control shows {axis} 0 in machine \

@@ -102,7 +102,7 @@ pub fn check_unique_names<'n>(
     Ok(())
 }
 
-/// Checks that each solid has a unique name, a shape and a carrier.
+/// Checks that each solid has a unique name, a carrier that the machine has, and a positive size in each dimension.
 pub fn check_solids(document: &TomlDocument, solids: &[Solid], machine: &Machine) -> CheckResult {
     for (index, solid) in solids.iter().enumerate() {
         let name = solid.name.as_str();
@@ -134,6 +134,7 @@ pub fn check_solids(document: &TomlDocument, solids: &[Solid], machine: &Machine
 }
 
 impl TomlDocument {
+    /// An error at `key` unless `is_valid`; `why` continues a sentence that begins with the key.
     fn require(&self, is_valid: bool, key: &[&str], why: &str) -> CheckResult {
         if is_valid { Ok(()) } else { Err(self.value_error(key, why)) }
     }

@@ -37,11 +37,13 @@ impl SensorConnection {
         }
     }
 
+    /// Port that other sensors may use too; `None` without one.
     fn shared_port(&self) -> Option<SharedPort> {
         self.real()?.shared_port()
     }
 
-    /// Number of counts after which the encoder count in the samples wraps; `None`: the samples have no count.
+    /// Number of counts after which the encoder count in the samples restarts at 0; `None`: the samples have no
+    /// count.
     pub fn encoder_wrap_count(&self) -> Option<u64> {
         self.real()?.encoder_modulus()
     }
@@ -79,20 +81,30 @@ struct SensorKeys {
     mount: SensorMount,
     /// Zero point of the beam, in the frame of the mount.
     zero_mm: [f64; 3],
+    /// Unit vector along which the reading increases, away from the sensor, in the frame of the mount.
     direction: [f64; 3],
+    /// Valid range of the readings: minimum and maximum.
     range_mm: [f64; 2],
+    /// Distance from the zero point back to the front face of the sensor.
     #[serde(default)]
     stand_off_mm: f64,
+    /// Radius of the sensor's body, a cylinder from the front face back; 0: not declared, and therefore not checked.
     #[serde(default)]
     body_radius_mm: f64,
+    /// Length of the sensor's body from the front face back.
     #[serde(default)]
     body_length_mm: f64,
+    /// Standard deviation of one sample; `None`: evaluated from the residuals alone.
     noise_um: Option<f64>,
+    /// Configured sample rate, samples per second.
     rate_hz: Option<f64>,
+    /// Standard deviation of the linearity error over the range.
     #[serde(default)]
     linearity_um: f64,
+    /// Standard deviation of the error at a surface inclined by 45°.
     #[serde(default)]
     incidence_um: f64,
+    /// Maximum angle between beam and surface normal; samples at a greater angle are not used.
     #[serde(default = "sensor::default_incidence_limit_deg")]
     incidence_limit_deg: f64,
     can: Option<can::CanConfig>,
@@ -105,7 +117,7 @@ struct SensorKeys {
 const UNIT_VECTOR_TOLERANCE: f64 = 1e-6;
 
 impl SensorKeys {
-    /// The interface of the sensor.
+    /// Takes the configuration of the sensor's interface out of the keys.
     ///
     /// # Errors
     /// The entry has none of the tables, or several.

@@ -6,6 +6,7 @@ use super::document::TomlDocument;
 use super::error::MachineFileError;
 use machine::record::estimate::{ParameterTolerance, Unit};
 
+/// Key suffixes that state a unit; the first suffix that fits counts.
 const UNIT_SUFFIXES: [(&str, Unit); 5] =
     [("_um_per_m", Unit::UmPerM), ("_urad", Unit::Urad), ("_um", Unit::Um), ("_mm", Unit::Mm), ("_ms", Unit::Ms)];
 
@@ -20,6 +21,7 @@ pub fn read_tolerances(document: &TomlDocument) -> Result<Vec<ParameterTolerance
         .collect()
 }
 
+/// Tolerance of a key such as `EX0C_um`; `limit`: maximum magnitude of the value, greater than 0.
 fn parse_tolerance(key: &str, limit: f64) -> Result<ParameterTolerance, String> {
     let (symbol, unit) = UNIT_SUFFIXES
         .iter()

@@ -28,9 +28,10 @@ use simulator::sensor_devices::listen_locally;
 pub struct SimulatedControlConfig {
     protocol: ControlProtocol,
     wire: ControlWire,
-    /// Baud rate of the control. On a pseudo-terminal, a client with another baud rate is not understood.
+    /// Baud rate of the control. On a pseudo-terminal, a client with another baud rate is not understood. `None`: any
+    /// baud rate is understood.
     baud: Option<u32>,
-    /// `$` settings that differ from those of the machine.
+    /// Values of `$` settings, by number, that replace those derived from the machine; grblHAL only.
     grbl_setting_overrides_by_number: BTreeMap<u16, f64>,
 }
 
@@ -41,25 +42,29 @@ impl Default for SimulatedControlConfig {
     }
 }
 
+/// Keys of `[controller]` of kind `simulated`, before the check of their combination.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ControlKeys {
     #[serde(default, rename = "speaks")]
     protocol: ControlProtocol,
+    /// `None`: in memory for grblHAL, TCP for Modbus.
     wire: Option<ControlWire>,
     baud: Option<u32>,
+    /// Values of `$` settings, by number, with or without the `$`; grblHAL only.
     #[serde(default)]
     settings: BTreeMap<String, f64>,
 }
 
-/// Registry: a new simulated control is a line here and in the matches below.
+/// Protocol of a simulated control. Registry: a new simulated control is a line here and in the matches below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum ControlProtocol {
     #[default]
     Grbl,
+    /// Modbus registers that accept lines of G-code.
     Modbus,
-    /// Modbus registers with a resident program.
+    /// Modbus registers that accept a table for the resident program of the control.
     ModbusProgram,
 }
 
@@ -67,8 +72,11 @@ enum ControlProtocol {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum ControlWire {
+    /// Stream inside the process; grblHAL only.
     Memory,
+    /// A new pseudo-terminal.
     Pty,
+    /// A TCP port of this computer; Modbus only.
     Tcp,
 }
 
@@ -89,6 +97,7 @@ pub struct SimulationSetup<'a> {
 
 /// A simulated control that is served on its wire until dropped.
 pub struct SimulatedControlServer {
+    /// Address at which a client reaches the control: TCP, or the client side of a pseudo-terminal.
     address: link::LinkConfig,
     protocol: ControlProtocol,
     task: JoinHandle<()>,
@@ -113,6 +122,7 @@ impl SimulatedControlServer {
         format!("kind = \"{}\"\n{}", self.control_kind(), self.driver_keys_toml())
     }
 
+    /// `kind` of the real control whose driver connects to this server.
     fn control_kind(&self) -> &'static str {
         match self.protocol {
             ControlProtocol::Grbl => grbl::CONTROL_KIND,
@@ -146,8 +156,8 @@ impl SimulatedControlServer {
 /// Nominal baud rate: a pseudo-terminal has no speed, but the silent intervals between Modbus frames are
 /// computed from one.
 const DEFAULT_BAUD: u32 = 115_200;
-/// Unit that the driver addresses, on TCP as well.
-const UNIT_ADDRESS_KEY: &str = "unit = 1\n";
+/// Line of a machine file with the unit that the driver addresses, on TCP as well.
+const UNIT_ADDRESS_TOML: &str = "unit = 1\n";
 /// Size of the in-process wire, bytes.
 const WIRE_BUFFER_BYTES: usize = 4096;
 
@@ -204,8 +214,8 @@ impl SimulatedControlConfig {
         Ok(SimulatedFaults { modbus, ..SimulatedFaults::default() })
     }
 
-    /// Starts the control and opens its driver. Call inside a tokio runtime. The served control outlives the
-    /// driver.
+    /// Starts the control and opens its driver. Call inside a tokio runtime. The server is returned because it must
+    /// outlive the driver; `None`: a control in memory, which ends with its driver.
     ///
     /// # Errors
     /// The wire or the driver cannot be opened.
@@ -217,7 +227,7 @@ impl SimulatedControlConfig {
         let machine = setup.machine;
         if self.protocol != ControlProtocol::Grbl {
             let served = self.serve(setup)?;
-            let keys = format!("{UNIT_ADDRESS_KEY}{}", served.driver_keys_toml());
+            let keys = format!("{UNIT_ADDRESS_TOML}{}", served.driver_keys_toml());
             let config: modbus::ModbusConfig =
                 toml::from_str(&keys).map_err(|error| ControllerError::UnreadableReply { text: error.to_string() })?;
             return Ok((config.open(machine, modes, Arc::new(HostClock::start())).await?, Some(served)));
@@ -235,7 +245,8 @@ impl SimulatedControlConfig {
         Ok((Controller::spawn(driver, halt), served))
     }
 
-    /// Serves the control on a wire of its own: a TCP port of this computer, or a new pseudo-terminal.
+    /// Serves the control on a wire of its own: grblHAL on a new pseudo-terminal, Modbus on a new TCP port of this
+    /// computer or a new pseudo-terminal.
     ///
     /// # Errors
     /// The wire cannot be opened.
@@ -255,8 +266,8 @@ impl SimulatedControlConfig {
         Ok(SimulatedControlServer { address, protocol: self.protocol, task: tokio::spawn(serve) })
     }
 
-    /// As [`Self::serve`], with a faulty wire; `on_fault` is called with each fault and its time. When the wire is
-    /// cut, the pseudo-terminal is closed.
+    /// As [`Self::serve`], with a faulty wire; grblHAL only. `on_fault` is called with each fault and the time since
+    /// the wire was connected. When the wire is cut, the pseudo-terminal is closed.
     ///
     /// # Errors
     /// The wire cannot be opened, or the control does not use a line protocol.

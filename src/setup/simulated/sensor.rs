@@ -21,6 +21,7 @@ use super::sensor_wire::{self, SensorWire, parse_driver_config};
 struct SimulatedSensorKeys {
     #[serde(default, rename = "speaks")]
     protocol: SensorProtocol,
+    /// `memory`, `pty` or `tcp`; for CAN, `memory` or the name of a CAN interface.
     #[serde(default = "default_wire")]
     wire: String,
     /// Sample rate, samples per second.
@@ -38,9 +39,10 @@ pub struct SimulatedSensorConfig {
     sample_rate_hz: f64,
 }
 
+/// Protocol of a simulated sensor, and where its driver reaches it.
 #[derive(Debug, Clone)]
 enum SensorInterface {
-    /// In memory, or on the CAN interface of this name.
+    /// `memory`, or the name of the CAN interface.
     Can(String),
     /// Text or frames of this format, in memory (`None`) or on a wire.
     Serial(OutputFormat, Option<SensorWire>),
@@ -78,14 +80,15 @@ fn parse_rate_hz<'de, D: Deserializer<'de>>(keys: D) -> Result<f64, D::Error> {
     Err(D::Error::custom(format!("`rate_hz` is {hz}; it must be between 0.1 and 100000")))
 }
 
-/// Registry: a new simulated sensor is a line here and in the match below.
+/// Protocol of a simulated sensor. Registry: a new simulated sensor is a line here and in the match below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum SensorProtocol {
     #[default]
     Can,
-    /// Lines of text.
+    /// Lines of text on a serial line.
     Serial,
+    /// Binary frames on a serial line.
     SerialFrames,
     Modbus,
 }
@@ -148,7 +151,7 @@ impl SimulatedSensorConfig {
         }
     }
 
-    /// Source of samples; each sample advances the world by one period.
+    /// Source of samples; each sample first advances the world by one period of the sensor's clock.
     fn sample_source(&self, name: &str, world: Arc<Mutex<SimulatedWorld>>) -> SampleSource {
         let (name, period_s) = (name.to_owned(), 1.0 / self.sample_rate_hz);
         Box::new(move || {
@@ -157,6 +160,7 @@ impl SimulatedSensorConfig {
         })
     }
 
+    /// Opens the driver of a sensor on CAN: in memory, or on the CAN interface `wire`.
     fn open_can(
         &self,
         wire: &str,

@@ -69,7 +69,7 @@ async fn a_serial_sensor_in_memory_measures_on_request() {
                 .await
                 .unwrap();
         assert_eq!(serial.prepare().await.unwrap().sample_rate_hz, 1000.0);
-        assert!(serial.is_on_demand());
+        assert!(serial.is_simulated_on_demand());
         // The first sample was taken by `prepare`.
         for place in 2..200 {
             let (um, flag, missing) = value_um_flag_and_missing_count(&serial.next().await.unwrap());
@@ -86,7 +86,7 @@ async fn a_serial_sensor_on_a_wire_sends_by_itself() {
                 .await
                 .unwrap();
         assert!(serial.prepare().await.unwrap().sample_rate_hz > 10.0);
-        assert!(!serial.is_on_demand());
+        assert!(!serial.is_simulated_on_demand());
         serial.discard_old_samples().await.unwrap();
         let mut samples = Vec::new();
         for _ in 0..100 {
@@ -118,7 +118,7 @@ async fn a_modbus_sensor_measures_when_it_is_read() {
             sensor_wire::start_modbus_sensor(SampleTiming::WhenRead, wire, Box::new(sense), 1000.0, &sensor(), clock)
                 .await
                 .unwrap();
-        assert!(registers.is_on_demand());
+        assert!(registers.is_simulated_on_demand());
         // One sample at the start, one for `prepare`.
         assert_eq!(registers.prepare().await.unwrap().sample_rate_hz, 1000.0);
         registers.discard_old_samples().await.unwrap();
@@ -148,7 +148,7 @@ async fn modbus_sensor_at_fixed_rate_returns_each_measurement_once() {
     .await
     .unwrap();
     let prepared = registers.prepare().await.unwrap();
-    assert!(!registers.is_on_demand() && prepared.sample_rate_hz > 1.0, "{prepared:?}");
+    assert!(!registers.is_simulated_on_demand() && prepared.sample_rate_hz > 1.0, "{prepared:?}");
     registers.discard_old_samples().await.unwrap();
     let mut last = 0;
     for _ in 0..20 {

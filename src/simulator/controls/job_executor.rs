@@ -16,6 +16,7 @@ pub(super) struct JobExecutor {
     world: Arc<Mutex<SimulatedWorld>>,
     pace: SimulationPace,
     pub active_job: Option<ActiveJob>,
+    /// Present fault of the probe input.
     pub probe_fault: ProbeInputFault,
 }
 
@@ -29,12 +30,12 @@ impl JobExecutor {
         act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Displayed position of the machine at rest.
+    /// Displayed position in the world: that at the start of the active job, if there is one.
     pub fn displayed_position(&self) -> Position {
         self.with_world(|world| world.displayed_position())
     }
 
-    /// Displayed position at `now`.
+    /// Displayed position at `now`, during the active job as well.
     pub fn displayed_position_at(&self, now: Duration) -> Position {
         self.active_job.as_ref().map_or_else(|| self.displayed_position(), |active| active.position_at(now))
     }
@@ -59,14 +60,14 @@ impl JobExecutor {
         is_brushed
     }
 
-    /// Ends the active job.
+    /// Applies the whole active job to the world; returns the job and its result. `None`: no job is active.
     pub fn finish_job(&mut self) -> Option<(Job, JobResult)> {
         let active = self.active_job.take()?;
         let result = self.with_world(|world| active.job.run(world, self.probe_fault));
         Some((active.job, result))
     }
 
-    /// Stops the active job at its current position; returns the remaining job.
+    /// Stops the active job at its current position; returns the remaining job. `None`: no job is active.
     pub fn hold_job(&mut self, now: Duration) -> Option<Job> {
         let active = self.active_job.take()?;
         Some(self.with_world(|world| active.hold(world, now)))

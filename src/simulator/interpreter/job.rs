@@ -5,10 +5,10 @@ use std::time::Duration;
 use crate::{LatchedContact, ProbeResult, SimulatedWorld, Speed};
 use machine::{Axis, Position};
 
-/// Action that a line requests. Positions are machine coordinates of the axes that move.
+/// Action that a line requests. Positions are machine coordinates of the axes that move, mm or rad.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Job {
-    /// `feed_mm_min` is `None` for G0.
+    /// Straight move without monitoring of the probe. `feed_mm_min`: deg/min if only rotary axes move; `None` for G0.
     Travel {
         to: Position,
         feed_mm_min: Option<f64>,
@@ -34,9 +34,11 @@ pub enum Job {
 pub enum ProbeInputFault {
     #[default]
     NoFault,
+    /// The input reads closed: the controls refuse a probing move with an alarm.
     StuckClosed,
+    /// The input reads open; probing moves reach their target without contact.
     StuckOpen,
-    /// An obstacle is in the path of the next probing move.
+    /// The next probing move meets an obstacle, and reports a contact, after two fifths of its path.
     ObstacleOnNextProbe,
     /// The stylus will be brushed during the next rapid or rotary move.
     BrushPending,
@@ -63,6 +65,7 @@ impl ProbeInputFault {
         }
     }
 
+    /// Makes the probing move in the world, with the fault of the input.
     fn run_probing_move(self, world: &mut SimulatedWorld, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
         let from = world.displayed_position();
         let at_obstacle = |(axis, end)| (axis, from.get_or_zero(axis) + 0.4 * (end - from.get_or_zero(axis)));
@@ -95,10 +98,11 @@ pub enum SimulationPace {
 /// A running job. Times are host times since a zero that the owner defines.
 pub struct ActiveJob {
     pub job: Job,
+    /// Displayed position at the start.
     from: Position,
     start_time: Duration,
     pub end_time: Duration,
-    /// Position at the end of the job if no hold stops it before.
+    /// Displayed position at the end of the job if no hold stops it before; empty at the pace `Immediate`.
     end_position: Position,
 }
 
@@ -140,6 +144,7 @@ impl ActiveJob {
         if whole > 0.0 { (now.saturating_sub(self.start_time).as_secs_f64() / whole).min(1.0) } else { 1.0 }
     }
 
+    /// Displayed position at `now`, interpolated linearly in time between start and end of the job.
     pub fn position_at(&self, now: Duration) -> Position {
         let fraction = self.elapsed_fraction(now);
         let interpolate = |(axis, from): (_, f64)| {
@@ -150,7 +155,8 @@ impl ActiveJob {
     }
 }
 
-/// Result of a finished job.
+/// Result of a finished job. `has_crashed`: the stylus was deflected beyond its overtravel. `contact`: `None` if the
+/// move reached its target without contact. `alarms_on_miss` is that of the job.
 pub enum JobResult {
     Moved { has_crashed: bool },
     Probed { contact: Option<LatchedContact>, has_crashed: bool, alarms_on_miss: bool },
@@ -167,6 +173,7 @@ impl Job {
         }
     }
 
+    /// Target of a move or probing move; `None` for a dwell and a spindle orientation.
     pub fn target(&self) -> Option<&Position> {
         match self {
             Job::Travel { to, .. } | Job::Probe { to, .. } => Some(to),
@@ -174,7 +181,7 @@ impl Job {
         }
     }
 
-    /// Whether the job is acknowledged at its end; travel is acknowledged when it is planned.
+    /// Whether the job is acknowledged at its end; only travel is acknowledged when it is planned.
     pub fn is_acknowledged_at_end(&self) -> bool {
         !matches!(self, Job::Travel { .. })
     }

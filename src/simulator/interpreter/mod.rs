@@ -22,6 +22,7 @@ use machine::{Axis, Position};
 pub struct Interpreter {
     /// Axes of the control, in the order of the reports.
     pub(crate) axes: Vec<Axis>,
+    /// Minimum and maximum, mm or rad.
     travel_limits: BTreeMap<Axis, (f64, f64)>,
     pub(crate) modal_state: ModalState,
 }
@@ -29,10 +30,11 @@ pub struct Interpreter {
 /// Action that a line requests.
 #[derive(Debug, Clone)]
 pub enum LineAction {
-    /// No motion.
+    /// No motion and no other job: only modes or offsets change.
     NoMotion,
+    /// A move, probing move, spindle orientation or dwell.
     Execute(Job),
-    /// A target beyond the limits of travel.
+    /// A target beyond the limits of travel; the modes of the line apply nevertheless.
     OutOfTravel,
 }
 
@@ -60,7 +62,7 @@ impl Interpreter {
         })
     }
 
-    /// Whether `to` is within the travel of all axes.
+    /// Whether `to` is within the travel of all axes that have limits; the limits are inclusive.
     pub fn is_within_limits(&self, to: &Position) -> bool {
         // The tolerance covers the rounding of the text.
         let is_within = |(axis, value): (Axis, f64)| {

@@ -9,17 +9,22 @@ use super::words::{GcodeWord, GrblErrorCode};
 const MM_PER_INCH: f64 = 25.4;
 const COORDINATE_SYSTEM_COUNT: usize = 6;
 
+/// Modes, feed and offsets of the control, which apply until a later line changes them.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ModalState {
     motion_mode: MotionMode,
     pub(super) uses_inches: bool,
+    /// Whether targets are relative (G91).
     pub(super) is_relative: bool,
+    /// Number of the active plane: 17, 18 or 19.
     pub(super) plane_code: u32,
+    /// Active coordinate system: 0 for G54 to 5 for G59.
     pub(super) coordinate_system_index: usize,
+    /// Last F word, mm/min, or deg/min where only rotary axes move; `None`: no F word yet.
     feed_mm_min: Option<f64>,
-    /// Offsets of the coordinate systems G54 to G59.
+    /// Offsets of the coordinate systems G54 to G59, mm or rad.
     offsets: [Position; COORDINATE_SYSTEM_COUNT],
-    /// Offset set by G92.
+    /// Offset set by G92, mm or rad; added to that of the active coordinate system.
     g92_offset: Position,
 }
 
@@ -66,7 +71,8 @@ impl ModalState {
             .collect()
     }
 
-    /// Action that `words` request with the control at `here`. An erroneous line does not change the modal state.
+    /// Action that `words` request with the control at `here`; `None`: no job. An erroneous line does not change the
+    /// modal state.
     pub(super) fn interpret_words(
         &mut self,
         words: &[GcodeWord],
@@ -86,6 +92,7 @@ impl ModalState {
         Ok(job)
     }
 
+    /// Applies the words of a line to the modes and offsets; returns the job that the line requests.
     fn apply_line_words(&mut self, line: &mut LineWords, here: &Position) -> Result<Option<Job>, GrblErrorCode> {
         let n = line.take_value('N').unwrap_or(0.0) as u32;
         if let Some(feed) = line.feed_word {
@@ -131,6 +138,7 @@ impl ModalState {
         self.motion_job(line, here, n)
     }
 
+    /// Move or probing move of the line in the active motion mode; `None`: the line has no axis words.
     fn motion_job(&self, line: &LineWords, here: &Position, n: u32) -> Result<Option<Job>, GrblErrorCode> {
         let in_machine_coordinates = line.non_modal_code == Some(NonModalCode::MachineCoordinates);
         if in_machine_coordinates && !matches!(self.motion_mode, MotionMode::Rapid | MotionMode::Feed) {
@@ -152,10 +160,12 @@ impl ModalState {
         }
     }
 
+    /// The active feed; error 22 if there is none or it is 0.
     fn positive_feed(&self) -> Result<f64, GrblErrorCode> {
         self.feed_mm_min.filter(|feed| *feed > 0.0).ok_or(22)
     }
 
+    /// Target in machine coordinates, mm or rad, of the axes that the line names.
     fn target_position(&self, line: &LineWords, here: &Position, in_machine_coordinates: bool) -> Position {
         let target_on_axis = |(axis, value): &(Axis, f64)| {
             let length = self.value_in_mm_or_rad(*axis, *value);

@@ -44,7 +44,7 @@ fn strip_comments_and_spaces(line: &str) -> String {
     bare
 }
 
-/// Whether the line contains nothing to execute.
+/// Whether the line contains nothing to execute: only spaces, comments or `%`.
 pub fn is_blank(line: &str) -> bool {
     matches!(strip_comments_and_spaces(line).as_str(), "" | "%")
 }

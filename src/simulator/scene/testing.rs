@@ -16,7 +16,7 @@ impl TrueScene {
             errors.iter().filter(|term| (term.parameter.axis(), term.parameter.component()) == (axis, component));
         // A drawn motion is a location error at this angle; a stated location error is not a motion.
         let stated =
-            |term: &&ErrorTerm| term.parameter.shape() == ErrorShape::Location && self.stated_errors.contains(term);
+            |term: &&ErrorTerm| term.parameter.shape() == ErrorShape::Location && self.true_error_terms.contains(term);
         axis_errors.filter(|term| !stated(term)).map(|term| term.value * term.parameter.shape_factor(angle)).sum()
     }
 
@@ -36,7 +36,7 @@ impl TrueScene {
     /// axis that does not carry the part.
     pub fn rotary_axis_position_across(&self, axis: Axis, distance_along_axis: f64, t_s: f64) -> [f64; 2] {
         let mut lasting_errors: Vec<ErrorTerm> = self
-            .stated_errors
+            .true_error_terms
             .iter()
             .filter(|term| matches!(term.parameter.shape(), ErrorShape::Location | ErrorShape::Gain))
             .copied()

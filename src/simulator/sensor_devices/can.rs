@@ -5,7 +5,7 @@ use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::{OUT_OF_RANGE_STATUS_BIT, SampleSource, distance_mm_and_status_bits};
+use super::{OUT_OF_RANGE_STATUS_MASK, SampleSource, distance_mm_and_status_bits};
 use crate::SensorOutput;
 use link::Clock;
 use link::can::{CanError, CanFrame, CanId, CanSender};
@@ -25,14 +25,16 @@ length = 6
 "#;
 
 const FRAME_ID: u32 = 0x181;
+/// Counts per mm: one count is 10 nm.
 const COUNTS_PER_MM: f64 = 100_000.0;
+/// Largest count of a signed number of 24 bits.
 const MAX_DISTANCE_COUNTS: f64 = 8_388_607.0;
 
 /// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first.
 fn frame_bytes(count: u16, output: SensorOutput) -> [u8; 6] {
     let (mm, status) = distance_mm_and_status_bits(output);
     let counts = (mm * COUNTS_PER_MM).round();
-    let status = if counts.abs() > MAX_DISTANCE_COUNTS { status | OUT_OF_RANGE_STATUS_BIT } else { status };
+    let status = if counts.abs() > MAX_DISTANCE_COUNTS { status | OUT_OF_RANGE_STATUS_MASK } else { status };
     let counts = counts.clamp(-MAX_DISTANCE_COUNTS, MAX_DISTANCE_COUNTS) as i32;
     let [high, low] = count.to_be_bytes();
     let [_, first, second, third] = counts.to_be_bytes();

@@ -16,9 +16,10 @@ fn distance_mm_and_status_bits(output: SensorOutput) -> (f64, u8) {
     match output {
         SensorOutput::Distance(mm) => (mm, 0),
         SensorOutput::NoEcho => (0.0, 1),
-        SensorOutput::OutOfRange(mm) => (mm, OUT_OF_RANGE_STATUS_BIT),
+        SensorOutput::OutOfRange(mm) => (mm, OUT_OF_RANGE_STATUS_MASK),
         SensorOutput::TooMuchLight => (0.0, 4),
     }
 }
 
-const OUT_OF_RANGE_STATUS_BIT: u8 = 2;
+/// Mask (not index) of the status bit for a distance out of range.
+const OUT_OF_RANGE_STATUS_MASK: u8 = 2;

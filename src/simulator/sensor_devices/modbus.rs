@@ -17,6 +17,7 @@ use super::distance_mm_and_status_bits;
 use super::serve::{SampleSource, ServedSensor, serve_pty, serve_tcp};
 use link::LinkError;
 
+/// Counts per mm: one count is 10 nm.
 const COUNTS_PER_MM: f64 = 1e5;
 
 /// The data sheet, as keys of `[sensor.modbus]`.
@@ -33,13 +34,14 @@ status = [
 /// When the sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SampleTiming {
-    /// When its registers are read: simulated time does not advance between two reads.
+    /// At each read of its registers; simulated time does not advance between two reads.
     WhenRead,
-    /// At the sensor's rate, in wall time.
+    /// At the given rate, in wall time, whether or not a client reads.
     AtFixedRate,
 }
 
-/// Serves a sensor on a pseudo-terminal (RTU, any unit), `rate_hz` samples per second.
+/// Serves a sensor on a pseudo-terminal (RTU, any unit). `rate_hz`: samples per second for `AtFixedRate`, else
+/// unused.
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
@@ -52,7 +54,7 @@ pub fn serve_on_pty(timing: SampleTiming, next_sample: SampleSource, rate_hz: f6
     })
 }
 
-/// Serves a sensor on a TCP port, `rate_hz` samples per second.
+/// Serves a sensor on a TCP port. `rate_hz`: samples per second for `AtFixedRate`, else unused.
 ///
 /// # Errors
 /// The port cannot be opened.
@@ -69,11 +71,14 @@ pub fn serve_on_tcp(timing: SampleTiming, next_sample: SampleSource, rate_hz: f6
     })
 }
 
+/// The registers of the sensor, and the source of its samples.
 struct SampleRegisters {
+    /// Input registers 0 to 3: status, counter, distance in 10 nm with its low word first.
     register_values: [u16; 4],
     next_sample: SampleSource,
 }
 
+/// A sensor behind Modbus registers; clones share its registers.
 #[derive(Clone)]
 struct SimulatedModbusSensor {
     registers: Arc<Mutex<SampleRegisters>>,
@@ -89,6 +94,7 @@ impl SimulatedModbusSensor {
         sensor
     }
 
+    /// Takes samples at the rate; with `WhenRead` it takes none and never completes.
     async fn update_registers_at_rate(self, rate_hz: f64) {
         if self.timing == SampleTiming::WhenRead {
             std::future::pending::<()>().await;
@@ -101,7 +107,7 @@ impl SimulatedModbusSensor {
         }
     }
 
-    /// Updates all four registers at once.
+    /// Takes one sample and updates all four registers at once.
     fn update_registers(&self) {
         let mut registers = self.registers.lock().unwrap_or_else(PoisonError::into_inner);
         let (mm, status) = distance_mm_and_status_bits((registers.next_sample)());

@@ -19,8 +19,10 @@ use link::{ByteStreamHandle, LinkError};
 
 /// Buffer of the in-process wire.
 const WIRE_BUFFER_BYTES: usize = 4096;
+/// Counts per mm: one count is 10 nm.
 const COUNTS_PER_MM: f64 = 1e5;
 
+/// Data sheet of the text lines, as keys of `[sensor.serial]`.
 const TEXT_DATA_SHEET_TOML: &str = r#"
 [line]
 end = "\r\n"
@@ -39,6 +41,7 @@ codes = [
 ]
 "#;
 
+/// Data sheet of the binary frames, as keys of `[sensor.serial]`.
 const FRAME_DATA_SHEET_TOML: &str = r#"
 [frame]
 sync = [0xAA, 0x55]
@@ -80,7 +83,7 @@ pub fn serve_on_demand(format: OutputFormat, next_sample: SampleSource) -> ByteS
     ByteStreamHandle::from_stream("the simulated sensor", near)
 }
 
-/// Serves a sensor on a pseudo-terminal, which sends continuously until its client disconnects.
+/// Serves a sensor on a pseudo-terminal; it sends `rate_hz` samples per second until its client disconnects.
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
@@ -89,7 +92,7 @@ pub fn send_on_pty(format: OutputFormat, next_sample: SampleSource, rate_hz: f64
     serve_pty(move |device| async move { drop(sensor.send_samples_at_rate(device, rate_hz).await) })
 }
 
-/// Serves a sensor on a TCP port, which sends continuously to one client after the other.
+/// Serves a sensor on a TCP port; it sends `rate_hz` samples per second to one client after the other.
 ///
 /// # Errors
 /// The port cannot be opened.
@@ -102,8 +105,10 @@ pub fn send_on_tcp(format: OutputFormat, next_sample: SampleSource, rate_hz: f64
     })
 }
 
+/// A sensor that sends text lines or binary frames.
 struct SimulatedSerialSensor {
     format: OutputFormat,
+    /// Number of the last sample; wraps.
     sample_counter: u16,
     next_sample: SampleSource,
 }

@@ -13,7 +13,7 @@ use crate::SensorOutput;
 /// Nominal baud rate; a pseudo-terminal ignores it.
 const NOMINAL_BAUD: u32 = 115_200;
 
-/// Returns the next sample.
+/// Takes and returns the next sample; each call is a new measurement.
 pub type SampleSource = Box<dyn FnMut() -> SensorOutput + Send>;
 
 /// Address of the sensor; for a pseudo-terminal also its client side, to be kept until a client has opened it.
@@ -31,7 +31,7 @@ pub fn serve_pty<F: Future>(serve: impl FnOnce(SerialStream) -> F + Send + 'stat
     })
 }
 
-/// Serves a local TCP port.
+/// Serves a local TCP port until the future of `serve` ends.
 ///
 /// # Errors
 /// The port cannot be opened.
@@ -57,6 +57,7 @@ fn wire_error(source: io::Error) -> LinkError {
     LinkError::OpenFailed { address: "the wire of a simulated sensor".to_owned(), source }
 }
 
+/// Calls `open` on a new thread, which then serves; returns what `open` gives, such as the address.
 fn serve_on_thread<T: Send + 'static, F: Future>(
     open: impl FnOnce() -> Result<(T, F), LinkError> + Send + 'static,
 ) -> Result<T, LinkError> {

@@ -157,8 +157,8 @@ fn only_samples_of_finished_runs_with_estimate_are_removed() {
     let earlier = now - std::time::Duration::from_secs(3600);
     assert!(journal.finished_runs_ended_before(earlier).unwrap().is_empty());
     assert_eq!(journal.finished_runs_ended_before(now).unwrap(), [old]);
-    assert_eq!(journal.remove_scan_samples(old).unwrap(), 3);
-    assert_eq!(journal.remove_scan_samples(old).unwrap(), 0);
+    assert_eq!(journal.remove_scans(old).unwrap(), 3);
+    assert_eq!(journal.remove_scans(old).unwrap(), 0);
     let is = journal.load_run(old).unwrap();
     assert_eq!(is.readings, [reading_of_step(0)]);
     assert_eq!((&is.estimates, &is.plan, &is.machine_file_text), (&was.estimates, &was.plan, &was.machine_file_text));

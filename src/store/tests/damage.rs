@@ -125,7 +125,7 @@ fn rows_changed_by_the_program_keep_valid_checksums() {
     journal.set_state(run, RunState::Running).wait().unwrap();
     journal.add_event(run, &RunEvent::Resumed { gap_s: 12.5 }).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
-    journal.remove_scan_samples(run).unwrap();
+    journal.remove_scans(run).unwrap();
     assert_eq!(journal.disarm_cycles("mill", None, "Ada", "").wait().unwrap(), 1);
     let slot = journal.newest_slots("mill", 1).unwrap().remove(0);
     assert!(journal.store_slot(&ScheduleSlot { outcome: SlotOutcome::Ran, run: run.0, ..slot }).wait().unwrap());

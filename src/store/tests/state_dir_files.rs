@@ -46,7 +46,7 @@ fn ended_run_has_mean_temperatures_but_older_formats_have_none() {
     let expected = [vec![], vec![("bed", 20.75), ("spindle", 30.5)]];
     assert_eq!(means.collect::<Vec<_>>(), expected);
     // The removal of old samples does not change the means.
-    journal.remove_scan_samples(run).unwrap();
+    journal.remove_scans(run).unwrap();
     assert_eq!(measured(), known);
 }
 

@@ -191,7 +191,7 @@ fn expired_proposal_is_refused() {
     let folder = shop.shop.state_folder();
     let (journal, lock) = (Journal::open(&folder).unwrap(), MachineLock::acquire(&folder, "linuxcnc-sim5").unwrap());
     let target = open_target(&file, None).unwrap();
-    let options = methods::compensation::ProposalOptions { with_insignificant_changes: false, max_change_mm: 0.5 };
+    let options = methods::compensation::ProposalOptions { applies_insignificant_changes: false, max_change_mm: 0.5 };
     let mut proposal = propose_for_control(&journal, RunId(1), &file, &*target, options).unwrap();
     let writer = CompensationWriter { journal: &journal, lock: &lock, target: &*target, who: "Ada" };
     proposal.measured_at -= std::time::Duration::from_secs(25 * 3600);

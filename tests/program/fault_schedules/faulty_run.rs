@@ -170,7 +170,7 @@ impl ScheduleBench {
         tokio::spawn(far.clone().record_between(tape_far, far_tape));
         let bad = FaultyWire {
             seed: schedule.seed,
-            mean_lines_between_faults: schedule.mean_lines_between_wire_faults.unwrap_or(f64::INFINITY),
+            mean_exponential_gap_lines: schedule.mean_lines_between_wire_faults.unwrap_or(f64::INFINITY),
             max_delay: Duration::from_millis(120),
         };
         let noted = harms.clone();

@@ -191,7 +191,7 @@ impl sensors::SensorDriver for SceneSensor {
         }
     }
 
-    fn is_on_demand(&self) -> bool {
+    fn is_simulated_on_demand(&self) -> bool {
         matches!(self.0.lock().unwrap().scheduled_event, Some((_, _, ScriptedEvent::OnDemandSensor)))
     }
 }

@@ -69,13 +69,13 @@ impl JointTableError {
 /// Meaning of the values in a compensation file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TableKind {
-    /// `COMP_FILE_TYPE = 0`: the actual position.
+    /// `COMP_FILE_TYPE = 0` or missing: the actual position; the correction is the nominal position minus the value.
     ActualPosition,
     /// `COMP_FILE_TYPE = 1`: the correction.
     Correction,
 }
 
-/// The table of one axis, as read.
+/// Compensation table of one axis, as read from its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointTable {
     pub axis: Axis,
@@ -113,6 +113,7 @@ impl JointTable {
     }
 }
 
+/// The compensation file of one joint.
 #[derive(Debug)]
 struct JointFile {
     joint: usize,
@@ -231,6 +232,7 @@ impl JointFile {
         format!("{} {} ", self.axis, self.file_name())
     }
 
+    /// Checks that each value in the file has the text that was written.
     fn check_read_back(&self, written: &[ValueToWrite<'_>]) -> Result<(), JointTableError> {
         let table = self.read()?;
         for ValueToWrite { name, text } in written {

@@ -66,6 +66,7 @@ pub struct TableValue {
     pub direction: MotionDirection,
     /// The value as the file states it.
     pub value_text: String,
+    /// Correction or actual position at `position_mm`, by the type of the table.
     pub value_mm: f64,
 }
 
@@ -180,7 +181,7 @@ fn parse_line(line: &str) -> Option<[TableValue; 2]> {
     Some([value(of_forward, forward)?, value(of_reverse, reverse)?])
 }
 
-/// Offsets of the three words of a line, bytes.
+/// Offsets of the three words of a line, bytes; `None` if it has another number of words.
 fn word_offsets(line: &str) -> Option<[usize; 3]> {
     let starts = line.char_indices().filter(|(offset, character)| {
         let before = line[..*offset].chars().next_back();

@@ -16,6 +16,7 @@ use planning::proof::ProvenModeText;
 
 const DEFAULT_BAUD: u32 = 115_200;
 
+/// Keys of `[controller]` of kind `grbl`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct GrblConfigKeys {

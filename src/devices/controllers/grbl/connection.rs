@@ -17,6 +17,7 @@ use link::{LineEvent, LineLink, LinkError, UrgentSender};
 /// Request for a report with all fields: CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
 const FULL_REPORT_REQUEST: &[u8] = &[0x87];
 
+/// Link to a Grbl control: sends one line at a time, and requests the status until the line is answered.
 pub(super) struct GrblConnection {
     link: LineLink,
     urgent_sender: UrgentSender,
@@ -153,6 +154,8 @@ impl GrblConnection {
         self.query_report(FULL_REPORT_REQUEST, |status| status.has_all_fields).await
     }
 
+    /// Repeats the real-time `request` until a report satisfies `is_reply`; at the timeout returns the last other
+    /// report, or an error without any report.
     async fn query_report(
         &mut self,
         request: &'static [u8],
@@ -216,7 +219,8 @@ impl GrblConnection {
         }
     }
 
-    /// Returns an error for a state that the run has not commanded.
+    /// Returns an error for a hold, a door, a tool change, an alarm or a sleep; for a contact during a positioning
+    /// move; or, during a block, for overrides other than 100 %. The last two hold the machine.
     async fn fail_on_uncommanded_state(&mut self, status: &GrblStatus) -> Result<(), ControllerError> {
         match status.state.as_str() {
             "Hold" | "Door" | "Tool" => Err(ControllerError::HeldAtControl { state: state_text(status) }),
@@ -314,6 +318,7 @@ impl GrblConnection {
         if self.halt.is_halt_requested() { Ok(()) } else { self.fail_on_uncommanded_state(status).await }
     }
 
+    /// The next message, or `None` at the deadline; stores reported overrides.
     async fn receive_message(&mut self, deadline: Instant) -> Result<Option<GrblMessage>, LinkError> {
         let message = self.link.recv_deadline(deadline).await?.map(parse_received);
         self.store_overrides(message.as_ref());

@@ -23,6 +23,7 @@ impl GrblConfig {
         }
     }
 
+    /// Sends Grbl requests at other baud rates, then requests in other protocols; returns the first cause found.
     async fn search_answering_serial_settings(&self, path: &str, baud: u32, received: &str) -> Vec<PossibleCause> {
         for other in port_scan::BAUD_RATES.into_iter().filter(|rate| *rate != baud) {
             let address = LinkAddress::Serial { path: path.to_owned(), baud: other };

@@ -23,14 +23,17 @@ pub struct GrblDriver {
     pub(super) connection: GrblConnection,
     pub(super) mode_text: ProvenModeText,
     pub(super) monitor: AxisMonitor,
-    /// Axes of the machine that the control must have homed.
+    /// Axes with a homing switch by the machine file: the control must have homed them.
     pub(super) required_homed_axes: Vec<Axis>,
     /// Whether the control is prepared and no fault has occurred since.
     pub(super) is_prepared: bool,
+    /// How a halt stops the machine, with its braking distances, in words.
     pub(super) stop_description: String,
     /// Axes in the order of the control's reports; `None` for an axis letter without a name in `trued`.
     pub(super) axes_in_report_order: Vec<Option<Axis>>,
+    /// Maximum length of a line, bytes; `usize::MAX` until the control reports the length.
     pub(super) max_line_bytes: usize,
+    /// Modal words before the first preparation, which `restore_modes` sends again; empty if none are stored.
     pub(super) initial_modes: Vec<String>,
 }
 
@@ -180,8 +183,8 @@ impl GrblDriver {
         Ok((outcome, status))
     }
 
-    /// Checks before a block moves: overrides at 100 %, no fault of the probe, probe open, machine at the
-    /// start of the block.
+    /// Checks before a block moves: overrides at 100 %, no fault of the probe, probe open (except before a back-off),
+    /// machine at the start of the block.
     async fn check_block_start(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let status = self.connection.read_status().await?;
         self.check_overrides()?;

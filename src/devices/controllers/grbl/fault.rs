@@ -72,7 +72,7 @@ pub(super) fn unexpected_reply_error(reply: &GrblMessage) -> ControllerError {
     ControllerError::UnexpectedReply { reply }
 }
 
-/// Whether the machine is at rest after `error`.
+/// Whether the machine is certainly at rest after `error`; false if it may still move.
 pub(super) fn is_at_rest_after(error: &ControllerError) -> bool {
     let is_reported_at_rest =
         matches!(error, ControllerError::ControlReset { .. } | ControllerError::TouchMismatch { .. });

@@ -39,7 +39,7 @@ pub(super) fn homing_method(settings: &GrblSettings, axis_index: u16) -> HomingM
     }
 }
 
-/// Bit mask of the homed axes, from `[HOME:..:mask]` of `$#`.
+/// Bit mask of the homed axes, from `[HOME:..:mask]` of `$#`. 0 if it is not reported.
 pub(super) fn homed_axes_mask(offsets: &[GrblMessage]) -> u32 {
     let mask = offsets.iter().find_map(|message| match message {
         GrblMessage::HomedAxesMask(mask) => Some(*mask),
@@ -61,7 +61,7 @@ pub(super) fn has_homing(settings: &GrblSettings, axis_index: u16, homed_axes_ma
     }
 }
 
-/// Ends of the travel in machine coordinates after homing; `None` if they are not known.
+/// Ends of the travel in machine coordinates after homing, mm or degrees; `None` if they are not known.
 pub(super) fn travel_limits(
     settings: &GrblSettings,
     axis: Axis,

@@ -17,7 +17,9 @@ pub(super) enum GrblMessage {
     },
     /// `[TIME:..]`, an extension of the simulated control: time of the contact, s.
     ContactTime(f64),
+    /// First line after a start or a reset of the control.
     Banner(String),
+    /// `[VER:..]`: version of the firmware.
     Version(String),
     /// `[OPT:flags,planner,rx,..]`: maximum length of a line, bytes.
     MaxLineBytes(usize),
@@ -60,7 +62,8 @@ pub(super) struct GrblStatus {
 }
 
 impl GrblStatus {
-    /// Whether no axis moves.
+    /// Whether no axis moves. Every state except `Run`, `Jog`, `Home`, and `Hold` and `Door` while they decelerate or
+    /// move, counts as at rest, such as `Alarm`.
     pub(super) fn is_at_rest(&self) -> bool {
         match self.state.as_str() {
             "Hold" => self.substate.as_deref() == Some("0"),

@@ -145,7 +145,8 @@ fn homing_cycle_finding(
     })
 }
 
-/// Remark on the axes of `required_homed_axes` that are not homed, from `[HOME:..:mask]` of `$#`.
+/// Remark on the axes of `required_homed_axes` that are not homed, from `[HOME:..:mask]` of `$#`. Classic Grbl does
+/// not report this: its remark is not blocking.
 pub(super) fn homed_state_finding(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,

@@ -10,10 +10,11 @@ use machine::Axis;
 
 /// Mask of `$21`: hard limits are on.
 pub(super) const HARD_LIMITS_MASK: u32 = 1;
-/// Masks of `$22`: homing is on; machine zero is at the switch; axes without a switch are homed at their present
-/// position.
+/// Mask of `$22`: homing is on.
 pub(super) const HOMING_ENABLED_MASK: u32 = 1;
+/// Mask of `$22`: machine zero is at the homing switch.
 pub(super) const ZERO_AT_SWITCH_MASK: u32 = 1 << 3;
+/// Mask of `$22`: axes without a switch are homed at their present position.
 pub(super) const MANUAL_HOMING_MASK: u32 = 1 << 5;
 
 /// Setting numbers of the minimum and of the maximum travel of the first axis, an extension of the simulated

@@ -20,6 +20,7 @@ pub(super) struct ProbeResult {
     /// The position: a value for each axis in the order of the control's reports, mm and degrees.
     pub position_mm_or_deg: Vec<f64>,
     pub has_contact: bool,
+    /// Time of the contact on the clock of the control, s; only the simulated control reports it.
     pub contact_time_s: Option<f64>,
 }
 
@@ -111,6 +112,8 @@ impl GrblDriver {
         )
     }
 
+    /// Position from values in the order of the control's reports, with the orientation of the spindle; an error if
+    /// their number is not that of the axes.
     pub(super) fn position_from_axis_values(&self, values: &[f64]) -> Result<Position, ControllerError> {
         if values.len() != self.axes_in_report_order.len() {
             return Err(ControllerError::UnreadableReply { text: format!("[PRB:{values:?}]") });

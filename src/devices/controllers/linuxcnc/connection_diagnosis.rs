@@ -39,7 +39,8 @@ impl LinuxCncConfig {
         }
     }
 
-    /// Possible cause: linuxcncrsh listens at its default port on the same computer.
+    /// Possible cause: linuxcncrsh listens at its default port on the host of `address`. Searched only with
+    /// `OtherSettings`.
     async fn diagnose_default_port(&self, address: &LinkAddress, mode: DiagnosisMode) -> Option<PossibleCause> {
         let LinkAddress::Tcp { host, port } = address else { return None };
         let default_address = LinkAddress::Tcp { host: host.clone(), port: DEFAULT_PORT };

@@ -22,7 +22,7 @@ const TABLE_KINEMATICS: [(&str, &[Axis], AxisSense); 5] = [
 ];
 
 const S_PER_MIN: f64 = 60.0;
-/// Resolution of reported positions: linuxcncrsh prints six decimals.
+/// Resolution of reported positions, mm or degrees: linuxcncrsh prints six decimals.
 const REPORT_RESOLUTION: f64 = 0.000_001;
 
 impl LinuxCncDriver {
@@ -54,6 +54,7 @@ impl IniFile {
         axes
     }
 
+    /// 25.4 for inches; 1 for any other or a missing unit.
     fn mm_per_unit(&self) -> f64 {
         match self.value("TRAJ", "LINEAR_UNITS").map(str::to_ascii_lowercase).as_deref() {
             Some("inch" | "in" | "imperial") => 25.4,

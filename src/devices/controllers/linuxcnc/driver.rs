@@ -36,6 +36,7 @@ pub(super) const PROGRAM_WITHOUT_MOTION: WatchedProgram<'_> = WatchedProgram {
     planned_standstill_time: Duration::ZERO,
     feed_turn_end_position: None,
 };
+/// Lines for linuxcncrsh: take the right to command from the driver's connection, and abort.
 const HALT_COMMANDS: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Address and shared directory of the control, and properties of its machine.
@@ -51,9 +52,11 @@ pub struct LinuxCncSettings {
     pub ini_path: Option<PathBuf>,
 }
 
+/// Driver of one LinuxCNC control, by linuxcncrsh and a shared directory.
 pub struct LinuxCncDriver {
     pub(super) settings: LinuxCncSettings,
     mode_text: ProvenModeText,
+    /// Connection for commands and queries.
     pub(super) rsh: RshClient,
     /// Connection that carries only halts; kept open for them.
     halt_connection: RshClient,
@@ -61,10 +64,12 @@ pub struct LinuxCncDriver {
     pub(super) files: SharedFiles,
     /// Task mode before the preparation, which `restore_modes` restores; a program restores all other modal state.
     initial_mode: Option<String>,
+    /// Whether the control is prepared and no fault has occurred since.
     pub(super) is_prepared: bool,
     /// Orientation of the spindle, rad, once it was commanded.
     pub(super) spindle_rad: Option<f64>,
     sampler: Option<SamplerClient>,
+    /// `None`: the tool centre is not read.
     tool_centre: Option<ToolCentreSettings>,
 }
 
@@ -211,6 +216,7 @@ impl LinuxCncDriver {
         sampler.finish_recording(block.step(), &position).await.map(Some)
     }
 
+    /// Runs the program of one part of a block and checks its end; returns the position at the trigger of a touch.
     async fn run_program_part(
         &mut self,
         step: u32,

@@ -7,7 +7,7 @@ use super::result_log::ResultLog;
 use crate::controllers::ControllerError;
 use link::SharedFolder;
 
-/// Maximum length of the program's name: linuxcncrsh cuts off lines of 250 characters, `set open` included.
+/// Maximum length of the program's path: linuxcncrsh cuts off lines of 250 characters, `set open` included.
 const MAX_PROGRAM_PATH_BYTES: usize = 230;
 const PROGRAM_FILE_NAME: &str = "trued.ngc";
 const LOG_FILE_NAME: &str = "trued.log";

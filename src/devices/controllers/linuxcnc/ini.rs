@@ -52,7 +52,7 @@ impl IniFile {
         self.kinematics()?.split_whitespace().next()
     }
 
-    /// Number of joints.
+    /// Number of joints, `[KINS]JOINTS`.
     pub fn joint_count(&self) -> Option<usize> {
         self.value("KINS", "JOINTS")?.parse().ok()
     }

@@ -12,9 +12,9 @@ use machine::{Axis, Position};
 const SWITCHKINS_MODULES: [&str; 3] = ["xyzac-trt-kins", "xyzbc-trt-kins", "5axiskins"];
 /// Modules whose type 0 is identity (`xyzab_tdr_kins.comp` of 2.9; the others are of 2.10).
 const IDENTITY_FIRST_MODULES: [&str; 3] = ["xyzab_tdr_kins", "xyzacb_trsrn", "xyzbca_trsrn"];
-/// Smallest angle of a rotary axis, rad, and smallest distance of a linear axis from zero, mm, that show a
-/// compensation.
+/// Smallest angle of a rotary axis that shows a compensation, rad; about 1°.
 const MIN_ANGLE_SHOWING_COMPENSATION_RAD: f64 = 0.017;
+/// Smallest distance of a linear axis from zero that shows a compensation, mm.
 const MIN_OFFSET_SHOWING_COMPENSATION_MM: f64 = 1.0;
 
 /// Mode of the kinematics, as the control's HAL pins report it.
@@ -29,7 +29,8 @@ pub(super) enum KinematicsMode {
 }
 
 /// Refuses kinematics that compensate the rotary axes, and kinematics whose mode is not known. `position`: present
-/// position, at which each axis is at the position of its joint.
+/// position, at which each axis is at the position of its joint; an unknown mode is accepted if a compensation would
+/// be visible there.
 pub(super) fn check_identity_mode(
     ini: Option<&IniFile>,
     mode: KinematicsMode,
@@ -51,7 +52,7 @@ pub(super) fn check_identity_mode(
     }
 }
 
-/// Value of `motion.switchkins-type` in identity mode.
+/// Value of `motion.switchkins-type` in identity mode; `None` for a module that `trued` does not know.
 pub(crate) fn identity_switchkins_type(ini: &IniFile) -> Option<f64> {
     let module = ini.kinematics_module()?;
     let is_first = ini.kinematics()?.contains("identityfirst");

@@ -7,8 +7,8 @@ use crate::controllers::{ControllerError, arrival};
 use machine::record::motion::Motion;
 use machine::{Axis, Position};
 
-/// Checks that `position` is the end of `motions`. Checks nothing if the last move is a probing move, because such a move
-/// ends at its contact.
+/// Checks that `position` is the end of `motions`. Checks nothing if the last move is a probing move, because such a
+/// move ends at its contact.
 pub(super) fn check_end_position(motions: &[Motion], position: &Position) -> Result<(), ControllerError> {
     let moving = motions.iter().rev().find(|motion| motion_target(motion).is_some());
     if moving.is_none_or(|last| matches!(last, Motion::Probe { .. })) {
@@ -32,7 +32,8 @@ pub(super) fn feed_turn_end_position(motions: &[Motion]) -> Option<Position> {
     turns_at_feed.then(|| end_position(motions).filter_axes(is_rotary))
 }
 
-/// Checks that `contact` is between the start of the probing move of `motions` and its target.
+/// Checks that `contact` is between the start of the probing move of `motions` and its target, on the axes whose
+/// start `motions` states. Checks nothing without a probing move.
 pub(super) fn check_contact_on_path(motions: &[Motion], contact: &Position) -> Result<(), ControllerError> {
     let probing = motions.iter().position(|motion| matches!(motion, Motion::Probe { .. }));
     let Some(probing) = probing else { return Ok(()) };

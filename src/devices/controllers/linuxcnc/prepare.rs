@@ -53,7 +53,7 @@ pub(super) fn check_state_values(state: &[f64], axes: &[Axis]) -> Result<Version
     Ok(VersionAndKinematics { version: *version, kinematics })
 }
 
-/// Checks the values of [`OFFSET_SLOT_PARAMETERS`].
+/// Checks that the values of [`OFFSET_SLOT_PARAMETERS`] are zero.
 pub(super) fn check_offset_slot(slot: &[f64], axes: &[Axis]) -> Result<(), ControllerError> {
     if slot.len() != OFFSET_SLOT_VALUE_COUNT {
         return Err(ControllerError::UnreadableReply { text: format!("offsets of G59.3 {slot:?}") });

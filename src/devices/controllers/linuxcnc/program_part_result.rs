@@ -47,7 +47,8 @@ impl LinuxCncDriver {
         }
     }
 
-    /// Returns the position at the trigger, if `part` has a touch.
+    /// Returns the position at the trigger, if `part` has a touch, with the orientation of the spindle, which is
+    /// stored. The contact must be on the path of the probing move.
     pub(super) fn touch_position(
         &mut self,
         step: u32,

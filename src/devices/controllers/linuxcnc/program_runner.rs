@@ -59,11 +59,11 @@ pub(super) fn planned_program_standstill_time(part: &TransmissionUnit) -> Durati
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
 }
 
-/// Runs the open program and waits until the machine is at rest. If the program has ended, its log is
-/// returned even if `halt` came meanwhile.
+/// Runs the open program until it has ended or stopped, and returns its log. The log of a program that stopped early
+/// is not complete. If the program has ended, its log is returned even if `halt` came meanwhile.
 ///
 /// # Errors
-/// A contact during a turn, a stalled program, a halt, a fault of the link.
+/// A contact during a turn, a stalled or paused program, a halt, a fault of the link.
 pub(super) async fn run_program(
     rsh: &mut RshClient,
     files: &SharedFiles,
@@ -210,7 +210,7 @@ pub(super) async fn abort_until_at_rest(rsh: &mut RshClient) -> Result<(), Contr
     Err(ControllerError::HoldFailed { seconds: MAX_BRAKING_TIME.as_secs_f64() })
 }
 
-/// Whether three reports in a row show no motion: a report may be older than the one before.
+/// Whether no program runs and three reports in a row show no motion: a report may be older than the one before.
 pub(super) async fn is_at_rest(rsh: &mut RshClient) -> Result<bool, ControllerError> {
     let mm = state::read_length_unit_mm(rsh).await?;
     let mut before = state::read_numbers(rsh, "abs_act_pos").await?;
@@ -226,6 +226,7 @@ pub(super) async fn is_at_rest(rsh: &mut RshClient) -> Result<bool, ControllerEr
     Ok(true)
 }
 
+/// Whether the emergency stop is active or the machine is switched off.
 async fn is_off(rsh: &mut RshClient) -> Result<bool, ControllerError> {
     Ok(rsh.get("estop").await? != "OFF" || rsh.get("machine").await? != "ON")
 }

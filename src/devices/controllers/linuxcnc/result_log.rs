@@ -19,6 +19,7 @@ pub(super) struct ResultLog {
     pub line_count: usize,
     /// Whether the log has its last line, `END`.
     pub is_complete: bool,
+    /// `None`: the log has no touch, no contact of a guarded move and no fault.
     pub result: Option<ProgramResult>,
     /// Numbers of the log line `state`: version, spindle on, G59.3 offsets, tool offset, pins, kinematics.
     pub state_values: Vec<f64>,
@@ -100,6 +101,7 @@ fn xyz_distance_mm(from: &[f64], to: &[f64]) -> f64 {
     from.iter().zip(to).take(3).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
+/// Position from values in the order of `LOGGED_AXES`, mm and degrees.
 pub(super) fn parse_position(mm_and_deg: &[f64]) -> Position {
     LOGGED_AXES.iter().zip(mm_and_deg).map(|(axis, value)| (*axis, axis.to_mm_or_rad(*value))).collect()
 }

@@ -14,6 +14,7 @@ const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
 const HALT_REPLY_TIMEOUT: Duration = Duration::from_millis(300);
 const HALT_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
+/// Connection to linuxcncrsh, with one request at a time.
 pub(super) struct RshClient {
     pub link: LineLink,
     /// Name and version that linuxcncrsh reports.

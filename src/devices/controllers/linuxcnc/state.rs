@@ -7,11 +7,11 @@ use machine::{Axis, Position};
 
 /// Order of the positions in the answers of linuxcncrsh, whatever axes the machine has.
 const REPORTED_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-/// Largest difference between an axis and its joint that counts as equal: the last printed decimal may
-/// differ.
+/// Smallest difference between an axis and its joint, in the control's units, that counts as a deviation: the last
+/// printed decimal may differ.
 const POSITION_EQUALITY_TOLERANCE: f64 = 0.000_002;
 
-/// Reads the positions of `axes`.
+/// Reads the positions of `axes` in machine coordinates; converts them to mm and rad.
 pub(super) async fn read_position(rsh: &mut RshClient, axes: &[Axis]) -> Result<Position, ControllerError> {
     let mm = read_length_unit_mm(rsh).await?;
     match rsh.get("user_angular_units").await?.as_str() {
@@ -26,7 +26,7 @@ pub(super) async fn read_position(rsh: &mut RshClient, axes: &[Axis]) -> Result<
     Ok(scaled.filter(|(axis, _)| axes.contains(axis)).collect())
 }
 
-/// Unit of length of the control, mm.
+/// Unit of length of the control in mm: 1, 10 or 25.4.
 pub(super) async fn read_length_unit_mm(rsh: &mut RshClient) -> Result<f64, ControllerError> {
     match rsh.get("user_linear_units").await?.as_str() {
         "MM" => Ok(1.0),
@@ -75,6 +75,7 @@ pub(super) async fn check_feed_override(rsh: &mut RshClient) -> Result<(), Contr
     ))
 }
 
+/// Checks that the program status is `IDLE`; any other status is refused, a paused program too.
 pub(super) async fn check_no_program_runs(rsh: &mut RshClient) -> Result<(), ControllerError> {
     match rsh.get("program_status").await?.as_str() {
         "IDLE" => Ok(()),
@@ -99,7 +100,7 @@ pub(super) async fn read_numbers(rsh: &mut RshClient, key: &str) -> Result<Vec<f
     parse_numbers(&rsh.get(key).await?)
 }
 
-/// Parses the numbers of an answer, one for each axis that may be reported.
+/// Parses the numbers of an answer; fewer numbers than [`REPORTED_AXES`] has axes are an error.
 pub(super) fn parse_numbers(values: &str) -> Result<Vec<f64>, ControllerError> {
     let numbers = parse_finite_numbers(values.split_whitespace());
     let numbers = numbers.filter(|numbers| numbers.len() >= REPORTED_AXES.len());

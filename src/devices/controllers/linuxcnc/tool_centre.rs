@@ -1,5 +1,5 @@
-//! Program that reads the tool centre as LinuxCNC computes it: switchable kinematics apply their values while it runs. It
-//! moves nothing.
+//! Program that reads the tool centre as LinuxCNC computes it: switchable kinematics apply their values while the
+//! program runs. It moves nothing.
 
 use serde::Deserialize;
 
@@ -11,10 +11,13 @@ use planning::gcode::rs274::check_kinematics_command;
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "ToolCentreKeys")]
 pub struct ToolCentreCommands {
+    /// Switches tool centre point control on.
     on: KinematicsCommand,
+    /// Switches tool centre point control off: identity kinematics.
     off: KinematicsCommand,
 }
 
+/// Keys of `[controller] tool_centre`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ToolCentreKeys {
@@ -35,6 +38,7 @@ impl TryFrom<ToolCentreKeys> for ToolCentreCommands {
     }
 }
 
+/// One M word, with P, Q or E parameters if needed, that has no fixed meaning in the G-code dialect.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 struct KinematicsCommand(String);
@@ -52,13 +56,13 @@ impl TryFrom<String> for KinematicsCommand {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToolCentreSettings {
     pub commands: ToolCentreCommands,
-    /// Length of the stated stylus, mm.
+    /// Tool length that the program sets with `G43.1`, mm: the length of the machine file's stylus along Z.
     pub stylus_length_mm: f64,
 }
 
 impl ToolCentreSettings {
-    /// `M66` waits until the kinematics are switched, and reads the position of the axes again. A program that cannot read
-    /// the pin of the kinematics ends with an error.
+    /// Text of the program; `log` is the path of its result log. `M66` waits until the kinematics are switched, and
+    /// reads the position of the axes again. A program that cannot read the pin of the kinematics ends with an error.
     pub(super) fn program(&self, log: &str) -> String {
         const LOG_KINEMATICS: &str = "(LOG,kinematics #<_hal[motion.switchkins-type]>)";
         let Self { commands: ToolCentreCommands { on, off }, stylus_length_mm } = self;
@@ -74,7 +78,8 @@ impl ToolCentreSettings {
     }
 }
 
-/// The error of a reading of the tool centre. A program that ended early, or wrong commands, have left other modes.
+/// Adds to a `NotReady` error that the tool centre was not read, and how to restore the modes: a program that ended
+/// early, or wrong commands, have left other modes. Other errors are returned unchanged.
 pub(super) fn tool_centre_error(error: ControllerError) -> ControllerError {
     match error {
         ControllerError::NotReady { state, remedy } => ControllerError::NotReady {

@@ -46,7 +46,8 @@ impl LinuxCncDriver {
     }
 }
 
-/// `modes`: `motion.switchkins-type` before the first command, after it, and after the second.
+/// `modes`: `motion.switchkins-type` before the first command, after it, and after the second. The first and the last
+/// must be equal, and the one between must differ.
 fn check_kinematics_modes(modes: &[f64]) -> Result<(), ControllerError> {
     let [before, on, after] = modes else {
         return Err(ControllerError::UnreadableReply { text: format!("modes of the kinematics {modes:?}") });

@@ -6,7 +6,7 @@ use crate::controllers::{ControllerDriver, ControllerError};
 use machine::Axis;
 use machine::record::tool_centre::ToolCentreReading;
 
-/// Identity is type 0.
+/// First lines of the log; identity is the kinematics type 0.
 const BEFORE: &str = "kinematics 0\naxes 1.5 0.0 0.0 0.0 25.0 40.0\nkinematics 1\n";
 
 /// What the driver reads where a program without motion writes `log`, and the machine is then at `end_x_mm`.

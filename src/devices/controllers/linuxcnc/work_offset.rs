@@ -8,12 +8,15 @@ use crate::controllers::work_offset::{check_no_other_shift, set_offset_block};
 use crate::controllers::{ControllerError, WorkOffset, WorkOffsetSlot};
 use machine::Axis;
 
-/// First parameter of G54; each slot has [`PARAMETERS_PER_SLOT`], of which the tenth is the rotation.
+/// Number of the first parameter of G54.
 const FIRST_PARAMETER_OF_G54: usize = 5221;
+/// Difference between the numbers of the first parameters of two consecutive slots.
 const PARAMETERS_PER_SLOT: usize = 20;
+/// Index of the slot's rotation among its parameters, from 0.
 const ROTATION_INDEX: usize = 9;
-/// Decimals of a number in the log.
+/// Decimals of mm of a number in the log.
 const LOG_DECIMALS: i32 = 6;
+/// Axes of the first parameters of a slot, in order.
 const SLOT_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 impl LinuxCncDriver {
@@ -22,6 +25,7 @@ impl LinuxCncDriver {
         work_offset_from_log(slot, &log.state_values, &self.settings.axes)
     }
 
+    /// Sets the zero of the slot on the axes of `zero_mm`, machine coordinates; other axes keep their values.
     pub(super) async fn set_offset_slot(
         &mut self,
         slot: WorkOffsetSlot,
@@ -31,7 +35,8 @@ impl LinuxCncDriver {
         self.run_program_at_rest(&program).await.map(drop)
     }
 
-    /// Runs a program without motion while the machine is at rest; ends a preparation. Restores the mode of the control.
+    /// Runs a program without motion while the machine is at rest, and restores the mode of the control. The driver
+    /// must be prepared again before the next block.
     async fn run_program_at_rest(&mut self, program: &str) -> Result<ResultLog, ControllerError> {
         self.is_prepared = false;
         self.refuse_if_halted()?;
@@ -55,6 +60,7 @@ impl LinuxCncDriver {
         restored.map(|()| log)
     }
 
+    /// Runs the program in the mode `auto`, which stays selected; an error if the log has no last line.
     async fn open_and_run_program(&mut self, program: &str) -> Result<ResultLog, ControllerError> {
         self.rsh.send_task_command("mode auto").await?;
         self.files.write_program_and_remove_log(program)?;
@@ -75,8 +81,8 @@ async fn check_at_rest(rsh: &mut RshClient) -> Result<(), ControllerError> {
     }
 }
 
-/// Reads the selected slot (#5220), whether G92 is active (#5210) and its offsets (#5211 to #5219), then the offsets and
-/// the rotation of `slot`.
+/// Reads the selected slot (#5220), whether G92 is active (#5210) and its offsets (#5211 to #5219), then the offsets
+/// and the rotation of `slot`.
 fn offset_query_program(slot: WorkOffsetSlot, log: &str) -> String {
     let first = FIRST_PARAMETER_OF_G54 + (slot.p_number() - 1) * PARAMETERS_PER_SLOT;
     let parameters = (5211..=5219).chain(first..=first + ROTATION_INDEX);
@@ -87,7 +93,8 @@ fn offset_query_program(slot: WorkOffsetSlot, log: &str) -> String {
     )
 }
 
-/// In G91 `G10 L2` would add the values to the present ones; M72 restores G91 and G20.
+/// Sets the zero of `slot`; the log shows only that the program has ended. In G91 `G10 L2` would add the values to
+/// the present ones; M72 restores G91 and G20.
 fn offset_write_program(slot: WorkOffsetSlot, zero_mm: &[(Axis, f64)], log: &str) -> String {
     let block = set_offset_block(slot, zero_mm);
     format!(
@@ -95,6 +102,7 @@ fn offset_write_program(slot: WorkOffsetSlot, zero_mm: &[(Axis, f64)], log: &str
     )
 }
 
+/// Converts the numbers of the log line of [`offset_query_program`]; refuses an active G92 and a rotated slot.
 fn work_offset_from_log(slot: WorkOffsetSlot, values: &[f64], axes: &[Axis]) -> Result<WorkOffset, ControllerError> {
     let unreadable = || ControllerError::UnreadableReply { text: format!("state {values:?}") };
     let [selected, is_g92_active, rest @ ..] = values else { return Err(unreadable()) };

@@ -9,7 +9,7 @@ use super::window::{WindowConnection, encoding_error, next_heartbeat};
 use crate::controllers::ControllerError;
 use link::modbus::{ModbusError, RegisterSpace};
 
-/// Maximum number of attempts for a request that may be repeated without harm.
+/// Maximum number of attempts, the first included, for a request that may be repeated without harm.
 const MAX_REQUEST_ATTEMPTS: usize = 4;
 const CHUNK_CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MODBUS);
 
@@ -89,7 +89,8 @@ impl WindowConnection {
     }
 }
 
-/// Joins adjacent items into one request, as far as one request holds them.
+/// Groups items, each an address and its words, into write requests: sorts them by address, joins adjacent items, and
+/// splits what exceeds [`MAX_WRITE_REGISTERS`].
 fn merge_adjacent_writes(mut items: Vec<(u16, Vec<u16>)>) -> Vec<(u16, Vec<u16>)> {
     items.sort_by_key(|(address, _)| *address);
     let mut merged: Vec<(u16, Vec<u16>)> = Vec::new();

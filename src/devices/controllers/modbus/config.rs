@@ -10,6 +10,7 @@ use super::{WindowRegisterMap, map};
 use link::HostPort;
 use link::modbus::{Framing, ModbusDeviceConfig, ModbusDeviceKeys, Parity};
 
+/// Keys of `[controller]` of kind `modbus`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ModbusConfigKeys {
@@ -19,11 +20,15 @@ struct ModbusConfigKeys {
     parity: Option<Parity>,
     tcp: Option<HostPort>,
     framing: Option<Framing>,
+    /// Unit identifier of the Modbus device.
     unit: Option<u8>,
+    /// Maximum time until the reply to one Modbus request, s.
     timeout_s: Option<f64>,
     #[serde(default = "default_dialect")]
     dialect: String,
+    /// Registers of the window; if absent, those of the published window.
     registers: Option<map::keys::RegisterMapKeys>,
+    /// Resident program; if absent, the control executes lines.
     program: Option<program::ProgramKeys>,
 }
 
@@ -31,6 +36,7 @@ fn default_dialect() -> String {
     "grbl-m19".to_owned()
 }
 
+/// Control behind a window of Modbus registers, which executes lines or has a resident program.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "ModbusConfigKeys")]
 pub struct ModbusConfig {

@@ -20,6 +20,7 @@ use machine::record::machine::Machine;
 
 /// Unit numbers that are tried on a serial line. Each takes a quarter of a second without an answer.
 const RTU_UNIT_CANDIDATES: std::ops::RangeInclusive<u8> = 1..=16;
+/// Unit identifiers that are tried over TCP, in this order.
 const TCP_UNIT_CANDIDATES: [u8; 4] = [255, 1, 0, 2];
 /// Time within which a heartbeat of one beat a second must change.
 const HEARTBEAT_CHECK_TIME: Duration = Duration::from_millis(1200);
@@ -102,6 +103,7 @@ impl ModbusConfig {
         }]
     }
 
+    /// Suspected cause of a missing or wrong reply, while no search for other settings is permitted.
     fn passive_diagnosis(&self, failure: &ControllerError) -> PossibleCause {
         let (cause, remedy) = match self.device.line.link {
             LinkConfig::Tcp(_) => (
@@ -130,6 +132,8 @@ impl ModbusConfig {
         vec![found.unwrap_or_else(|| port_scan::no_known_control_diagnosis(&at, &evidence()))]
     }
 
+    /// Tries other units, then other parities, then other baud rates, then other kinds of control; returns the first
+    /// that answers.
     async fn search_answering_serial_settings(&self, path: &str, baud: u32) -> Option<PossibleCause> {
         for unit in RTU_UNIT_CANDIDATES.filter(|unit| *unit != self.device.unit) {
             if port_scan::has_modbus_unit(&self.device.line, unit).await {
@@ -158,6 +162,7 @@ impl ModbusConfig {
         port_scan::scan_serial(path, baud, CONTROL_KIND).await
     }
 
+    /// Tries other units, then the other framing, then other kinds of control; returns the first that answers.
     async fn search_answering_tcp_settings(&self) -> Option<PossibleCause> {
         for unit in TCP_UNIT_CANDIDATES.into_iter().filter(|unit| *unit != self.device.unit) {
             if port_scan::has_modbus_unit(&self.device.line, unit).await {
@@ -174,6 +179,7 @@ impl ModbusConfig {
     }
 }
 
+/// Reads the words of the status without checking them; `None` if the read fails.
 async fn read_status_block(modbus: &ModbusClient, map: &WindowRegisterMap) -> Option<Vec<u16>> {
     let (first, count) = map.status.block_first_and_count();
     modbus.read(map.status.space, first, count).await.ok()

@@ -23,6 +23,7 @@ impl ModbusDriver {
         })
     }
 
+    /// Findings from one status: positions outside the travel (blocking), all positions zero, no reported time.
     fn findings(&self, status: &WindowStatus) -> Vec<ReadinessFinding> {
         let mut findings = Vec::new();
         for (axis, spec) in &self.machine.axes {

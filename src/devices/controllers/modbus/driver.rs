@@ -22,7 +22,7 @@ use machine::record::machine::Machine;
 use machine::record::motion::{Motion, MotionBlockOutcome};
 use planning::proof::{ProvenBlock, ProvenModeText};
 
-/// Maximum time that a probe bounces after it has come free.
+/// Maximum time that a probe bounces after it has come free. A probe that still reads closed afterwards is a fault.
 const MAX_PROBE_BOUNCE_TIME: Duration = Duration::from_millis(300);
 
 /// Driver of one control behind a Modbus window.
@@ -147,7 +147,7 @@ impl ModbusDriver {
     }
 
     /// Executes a probing move and returns whether there was a contact. The control counts its contacts;
-    /// `last_status` has the count before the move.
+    /// `last_status` has the count before the move, and a count that rose by more than one is an error.
     async fn execute_probing(
         &mut self,
         lines: &MotionLines<'_>,
@@ -173,6 +173,8 @@ impl ModbusDriver {
         }
     }
 
+    /// Executes a touch and stores the position and the time of its contact in `outcome`; a move without contact is
+    /// an error.
     async fn execute_touch(
         &mut self,
         lines: &MotionLines<'_>,
@@ -249,7 +251,8 @@ impl ModbusDriver {
         self.monitor.clock.check_and_select_time(contact, now)
     }
 
-    /// Checks before a block moves: no fault of the probe, probe open, machine at the start of the block.
+    /// Checks before a block moves: no fault of the probe, probe open (unless the block begins with a back-off),
+    /// machine at the start of the block.
     pub(super) async fn check_block_start(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let mut status = self.window.wait_idle().await?;
         self.check_probe_health(&status)?;

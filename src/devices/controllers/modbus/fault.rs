@@ -27,6 +27,7 @@ fn alarm_meaning(code: u16) -> &'static str {
     }
 }
 
+/// Meaning of the code with which the control refuses a chunk.
 fn refusal_meaning(error: u16) -> &'static str {
     match error {
         1 => "the length does not fit the window",
@@ -41,6 +42,7 @@ fn refusal_meaning(error: u16) -> &'static str {
     }
 }
 
+/// Error of a refused chunk: `line` identifies the chunk, `error` is the refusal code.
 pub(super) fn refusal_error(line: &str, error: u16) -> ControllerError {
     ControllerError::line_refused(line, format!("error {error}"), refusal_meaning(error))
 }

@@ -10,12 +10,13 @@ use machine::Axis;
 use machine::record::machine::Machine;
 
 const WORD_ORDERS: [ByteOrder; 4] = [ByteOrder::Abcd, ByteOrder::Cdab, ByteOrder::Badc, ByteOrder::Dcba];
+/// Scales of positions that are tried, mm or degrees per count; the largest that fits is reported.
 const SCALE_CANDIDATES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
-/// Distance beyond the travel of the machine file up to which a position is plausible, mm or degrees.
+/// Distance beyond either end of the travel of the machine file up to which a position is plausible, mm or degrees.
 pub(super) const TRAVEL_MARGIN_MM_OR_DEG: f64 = 1.0;
 /// Smallest magnitude of a plausible position other than zero, mm or degrees.
 const MIN_PLAUSIBLE_NONZERO_POSITION_MM_OR_DEG: f64 = 1e-4;
-/// A smaller magnitude other than zero is a whole number that was read as floating point.
+/// A smaller magnitude other than zero, in mm or degrees, is a whole number that was read as floating point.
 const MAX_MISREAD_INTEGER_MAGNITUDE: f64 = 1e-20;
 
 /// A setting, other than the configured one, with which the positions can be read.
@@ -105,7 +106,8 @@ fn format_change_diagnosis(change: FormatChange, number: NumberFormat, positions
     )
 }
 
-/// Position of each axis of `machine` according to `block`, mm and degrees, read with `change` if there is one.
+/// Position of each axis of `machine` without the spindle, mm and degrees, read from `block` with `change` if there
+/// is one; `None` if an axis has no register or no readable value.
 fn read_positions(
     registers: &StatusRegisters,
     block: &[u16],
@@ -123,6 +125,7 @@ fn read_positions(
     axes.map(value).collect()
 }
 
+/// Whether each position is within its axis's travel plus [`TRAVEL_MARGIN_MM_OR_DEG`], and none is a misread integer.
 fn are_within_travel(positions: &[(Axis, f64)], machine: &Machine) -> bool {
     positions.iter().all(|(axis, value)| {
         if is_misread_integer(*value) {
@@ -135,7 +138,7 @@ fn are_within_travel(positions: &[(Axis, f64)], machine: &Machine) -> bool {
     })
 }
 
-/// Block of registers with a status.
+/// Registers that are read as a status, perhaps at another address or in another space than the configured ones.
 pub(super) struct StatusRegisterRange {
     pub space: RegisterSpace,
     pub first: u16,

@@ -7,10 +7,12 @@ use crate::controllers::ControllerError;
 use link::modbus::number_format::RegisterValueError;
 use machine::{Axis, Position};
 
-/// Version of the window layout for lines; `PROGRAM_WINDOW_VERSION` is that for a resident program.
+/// Version of the window layout for lines.
 pub(super) const LINE_WINDOW_VERSION: u16 = 1;
+/// Version of the window layout for a resident program.
 pub(super) const PROGRAM_WINDOW_VERSION: u16 = 101;
 
+/// State that the control reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum WindowState {
     NotReady,
@@ -20,12 +22,15 @@ pub(super) enum WindowState {
     Alarm,
 }
 
+/// Consistent status of the control, read in one request.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct WindowStatus {
     pub state: WindowState,
+    /// Code of the alarm; in the state `Held`, the reason of the hold.
     pub alarm_code: u16,
-    /// Last sequence number that the control has checked. `refusal_code`: reason of a refusal; 0: accepted.
+    /// Last sequence number that the control has checked, accepted or refused.
     pub checked_sequence: u16,
+    /// Reason why `checked_sequence` was refused; 0: accepted.
     pub refusal_code: u16,
     /// Last sequence number whose execution is complete.
     pub executed_sequence: u16,
@@ -34,12 +39,15 @@ pub(super) struct WindowStatus {
     pub input_bits: u32,
     /// Number of contacts so far; with a resident program, number of results.
     pub latch_count: u16,
+    /// Heartbeat of the control's program.
     pub heartbeat: u16,
     /// Present time of the control's clock, s, if it is reported.
     pub control_time_s: Option<f64>,
     /// Time of the last contact on the control's clock, s, if it is reported.
     pub latch_time_s: Option<f64>,
+    /// Position at the last contact, mm and rad.
     pub latched_position: Position,
+    /// Present position, mm and rad.
     pub position: Position,
     /// Result of a resident program; `None` for a window for lines.
     pub result: Option<ProgramRowResult>,
@@ -117,6 +125,7 @@ struct StatusRegisterBlock<'a> {
 }
 
 impl StatusRegisterBlock<'_> {
+    /// Reads the number of a register, with its scale applied; `name` is its key in errors.
     fn read_number(&self, name: &str, register: &Register) -> Result<f64, ControllerError> {
         let value_error = |error: RegisterValueError| unexpected_window_error(format!("`status.{name}`: {error}"));
         register.decode_from_block(self.words, self.first_address).map_err(value_error)
@@ -145,6 +154,7 @@ impl StatusRegisterBlock<'_> {
         self.read_number(name, register).map(|seconds| (seconds != 0.0).then_some(seconds))
     }
 
+    /// Reads the position of each axis; converts degrees to rad.
     fn read_axis_positions(
         &self,
         name: &str,

@@ -10,12 +10,13 @@ use crate::controllers::ControllerError;
 /// Timeouts of the driver, host time.
 #[derive(Debug, Clone, Copy)]
 pub struct ModbusTimeouts {
-    /// Maximum time for the control to check a chunk, and to report its state.
+    /// Maximum time for the control to check a chunk, to report its state, and to come to rest after a hold.
     pub reply_timeout: Duration,
     /// Longest delay between two reads of the status. A contact in a move that should touch nothing must lead to a
     /// hold within `CONTACT_TO_HOLD_LATENCY_S` (planning, `turn_feeds.rs`).
     pub poll_interval: Duration,
-    /// Maximum time for which a control may report a motion without a change of position.
+    /// Maximum time, beyond a planned standstill, for which a control may report a motion without a change of
+    /// position.
     pub stall_timeout: Duration,
     /// After this time with an unchanged heartbeat, the control counts as frozen.
     pub heartbeat_timeout: Duration,
@@ -49,7 +50,8 @@ const MAX_COUNTED_READ_INTERVAL: Duration = Duration::from_millis(500);
 pub(super) struct HeartbeatMonitor {
     /// Heartbeat of the last read, and the time of that read (not of the last change).
     last_beat_and_last_read_time: Option<(u16, Instant)>,
-    /// Time for which the same value was read.
+    /// Time for which the same value was read; of each interval between two reads at most
+    /// [`MAX_COUNTED_READ_INTERVAL`] counts.
     unchanged_time: Duration,
 }
 

@@ -23,9 +23,12 @@ const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
 
 /// A chunk whose execution was started.
 pub(super) struct RunningChunk {
+    /// Text that identifies the chunk in errors: the line, or the program and its step.
     error_label: String,
     pub(super) sequence: u16,
+    /// Time for which the machine may be at rest while it executes the chunk.
     planned_standstill_time: Duration,
+    /// Time at which the sequence number was written; the reply timeout begins here.
     started_at: Instant,
     stall_detector: StallDetector<(WindowState, Position)>,
     /// Delay before the next read of the status; `None` before the first read for this chunk.
@@ -47,11 +50,14 @@ impl RunningChunk {
     }
 }
 
+/// Modbus connection to the window of one control, with the state of the exchange.
 pub(super) struct WindowConnection {
     pub(super) link: Arc<ModbusClient>,
     pub(super) map: WindowRegisterMap,
+    /// Writes `hold` before all pending requests; afterwards no other write is accepted.
     hold_sender: UrgentWriteSender,
     halt: HaltHandle,
+    /// Value of the last heartbeat of `trued`.
     pub(super) own_heartbeat: Arc<AtomicU16>,
     /// Task that writes the heartbeat; [`WindowConnection::exchange_first_heartbeats`] starts it.
     heartbeat_task: OnceLock<JoinHandle<()>>,
@@ -60,7 +66,7 @@ pub(super) struct WindowConnection {
     /// Whether this driver sent the chunk of `checked_sequence`. The outcome of a chunk from another client or run does
     /// not matter.
     pub(super) is_checked_chunk_own: bool,
-    /// Number of the last result that was read from a resident program.
+    /// Number of the last result that was read from a resident program; `None` without a resident program.
     pub(super) last_result_number: Option<u16>,
     /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
     pub(super) positioning_step: Option<u32>,
@@ -82,6 +88,7 @@ pub(super) fn sequence_after(sequence: u16) -> u16 {
     sequence.checked_add(1).unwrap_or(1)
 }
 
+/// Error if the configured format of a command register cannot hold a value.
 pub(super) fn encoding_error(error: RegisterValueError) -> ControllerError {
     ControllerError::UnsupportedByControl {
         reason: error.to_string(),
@@ -151,7 +158,8 @@ impl WindowConnection {
         }
     }
 
-    /// Waits until the machine is at rest and all chunks are complete.
+    /// Waits until the machine is at rest and all chunks are complete; an error after the reply timeout, or if a halt
+    /// was requested.
     pub(super) async fn wait_idle(&mut self) -> Result<WindowStatus, ControllerError> {
         let deadline = Instant::now() + self.timeouts.reply_timeout;
         loop {
@@ -271,9 +279,10 @@ impl WindowConnection {
         Ok((status, false))
     }
 
-    /// Waits, after a hold was sent, until the machine is at rest. The hold may be lost: it is sent again
-    /// until the status shows it; a surplus hold changes nothing. A control may stay idle on a hold: its
-    /// machine is at rest if the control's program is running and has nothing left to execute.
+    /// Waits, after a hold was sent, until the machine is at rest; then returns `Halted`, otherwise the error that
+    /// prevents it. The hold may be lost: it is sent again until the status shows it; a surplus hold changes nothing.
+    /// A control may stay idle on a hold: its machine is at rest if the control's program is running and has nothing
+    /// left to execute.
     async fn resend_hold_until_at_rest(&self) -> ControllerError {
         let started = Instant::now();
         let (mut beats, mut last_beat_at) = (BTreeSet::new(), started);
@@ -327,6 +336,7 @@ impl WindowConnection {
     }
 }
 
+/// Increments `heartbeat` and returns the new value.
 pub(super) fn next_heartbeat(heartbeat: &AtomicU16) -> u16 {
     heartbeat.fetch_add(1, Ordering::SeqCst).wrapping_add(1)
 }

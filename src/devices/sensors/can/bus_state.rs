@@ -2,10 +2,12 @@
 
 use link::can::{CanError, CanEvent, CanId};
 
+/// Events since the last frame of the sensor that may explain why no further frame arrives.
 #[derive(Debug, Default)]
 pub(super) struct BusState {
+    /// Reason why the interface is down.
     down_reason: Option<String>,
-    /// Reason why the CAN controller has left the bus (bus-off).
+    /// Reason why the CAN controller has left the bus (bus-off); cleared by later frames or a restart.
     bus_off_reason: Option<String>,
     /// Last report of bus errors by the CAN controller.
     last_bus_errors: Option<String>,
@@ -32,7 +34,8 @@ impl BusState {
         *self = Self::default();
     }
 
-    /// Returns the fault of the bus, `None` if no fault is known; of several faults, the one that explains most.
+    /// Returns the fault of the bus, `None` if no fault is known. Of several faults: interface down, else bus-off,
+    /// else foreign identifiers, else bus errors.
     pub fn fault(&self, interface: &str, expected_id: CanId) -> Option<CanError> {
         let (interface, id) = (interface.to_owned(), expected_id.to_string());
         if let Some(why) = self.down_reason.clone() {

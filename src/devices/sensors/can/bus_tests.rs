@@ -26,6 +26,7 @@ fn standard_id(raw: u32) -> CanId {
     CanId::new(raw, false).unwrap()
 }
 
+/// Frame of the sensor with `count` in bytes 2 and 3, received `count` ms after 20 s.
 fn frame_with_count(count: u8) -> CanEvent {
     CanEvent::Frame(CanFrame::new(20.0 + f64::from(count) * 1e-3, standard_id(0x123), &[0, 0, count, count]))
 }
@@ -101,6 +102,7 @@ async fn stuck_counter_is_reported() {
     assert!(matches!(error, SensorError::CounterFrozen), "{error}");
 }
 
+/// Flags and lost counts of the next `count` samples after `events`.
 async fn flags_and_lost_counts(counter_key: &str, events: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
     let (mut driver, sender) = driver_and_event_sender(counter_key, 30.0);
     driver.discard_old_samples().await.unwrap();

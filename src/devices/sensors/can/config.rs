@@ -10,6 +10,7 @@ use crate::sensors::frame_layout::{FrameCounterKeys, FrameEncoderKeys, FrameLayo
 use link::Clock;
 use link::can::{CanError, CanId, CanReceiver};
 
+/// Keys of `[sensor.can]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CanKeys {
@@ -24,6 +25,7 @@ struct CanKeys {
     /// Maximum time between two frames, s; a longer silence is flagged.
     #[serde(default = "default_timeout_s")]
     timeout_s: f64,
+    /// Byte order of the numbers without an order of their own.
     order: Option<Endianness>,
     value: FrameValueKeys,
     counter: Option<FrameCounterKeys>,
@@ -45,11 +47,13 @@ fn default_timeout_s() -> f64 {
     0.1
 }
 
+/// Configuration of a sensor on a CAN bus that has passed the checks.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "CanKeys")]
 pub struct CanConfig {
     pub(super) interface: String,
     pub(super) id: CanId,
+    /// Maximum time between two frames; a longer silence is flagged.
     pub(super) silence_timeout: Duration,
     pub(super) layout: FrameLayout,
 }

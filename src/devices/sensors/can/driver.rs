@@ -19,11 +19,14 @@ use machine::record::sensor;
 /// Time to wait for the first frame if `timeout_s` is shorter: a sensor that was just switched on may need it.
 const FIRST_FRAME_WAIT_FLOOR: Duration = Duration::from_secs(1);
 
+/// Driver that decodes the frames of one identifier to samples.
 pub(super) struct CanDriver {
     receiver: CanReceiver,
     id: CanId,
     layout: FrameLayout,
+    /// Measuring range of the sensor, from the machine file: values beyond it are flagged.
     range_mm: [f64; 2],
+    /// Maximum time between two frames; a longer silence gives a stale sample.
     silence_timeout: Duration,
     clock: Arc<dyn Clock>,
     counter_tracker: CounterTracker,
@@ -82,8 +85,9 @@ impl CanDriver {
         fault.map_or(SensorError::Silent { seconds: silence.as_secs_f64() }, SensorError::from)
     }
 
-    /// Receives samples until their rate can be determined. Returns the number of sample intervals since `first`
-    /// (missing samples are counted), and the time from `first` to the last sample, s.
+    /// Receives samples for [`RATE_MEASUREMENT_TIME`], up to [`MAX_RATE_MEASUREMENT_SAMPLES`] or until the sensor is
+    /// silent. Returns the number of sample intervals since `first` (missing samples are counted), and the time from
+    /// `first` to the last sample, s.
     async fn count_intervals_and_span_s(&mut self, first: Sample) -> Result<(usize, f64), SensorError> {
         let (mut last, mut steps, mut unchanged_count) = (first.received_s, 0, 0);
         while steps.max(unchanged_count) < MAX_RATE_MEASUREMENT_SAMPLES
@@ -160,7 +164,7 @@ impl SensorDriver for CanDriver {
         }
     }
 
-    fn is_on_demand(&self) -> bool {
+    fn is_simulated_on_demand(&self) -> bool {
         self.receiver.generates_frames_on_demand()
     }
 }

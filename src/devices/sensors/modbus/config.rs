@@ -11,6 +11,7 @@ use super::register_map::{
 use link::HostPort;
 use link::modbus::{AccessList, DeviceSettings, Framing, ModbusDeviceConfig, ModbusDeviceKeys, Parity, RegisterSpace};
 
+/// Keys of `[sensor.modbus]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ModbusSensorKeys {
@@ -21,6 +22,7 @@ struct ModbusSensorKeys {
     tcp: Option<HostPort>,
     framing: Option<Framing>,
     unit: Option<u8>,
+    /// Maximum time until a reply, and until a new sample, s; a longer one is flagged.
     timeout_s: Option<f64>,
     /// Maximum rate of the reads, Hz.
     #[serde(default = "default_rate_hz")]

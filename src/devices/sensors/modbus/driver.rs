@@ -20,16 +20,20 @@ use machine::record::sensor;
 /// Number of samples after which the measurement of the rate ends early.
 const RATE_MEASUREMENT_SAMPLES: usize = 20;
 
+/// Driver that reads the registers of one sensor at a fixed rate.
 pub struct ModbusSensorDriver {
     config: ModbusSensorConfig,
+    /// Measuring range of the sensor, from the machine file: values beyond it are flagged.
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
     client: ModbusClient,
     counter_tracker: CounterTracker,
-    /// Detects a value without noise as frozen; `None` if there is a counter, or if the noise is too small.
+    /// Detects a value without noise as frozen; `None` if there is a counter, if the noise is unknown or too small,
+    /// or for a simulated sensor.
     frozen_detector: Option<FrozenValueDetector>,
     /// Sample rate, Hz, of a simulated sensor whose time advances only at a read; `None`: a real sensor.
     simulated_hz: Option<f64>,
+    /// Time before which no read starts.
     next_read_time: Instant,
 }
 
@@ -91,6 +95,7 @@ impl ModbusSensorDriver {
         })
     }
 
+    /// Reads the registers once; the sample is stale if the counter has not changed or the value is frozen.
     async fn read_sample(&mut self) -> Result<Sample, SensorError> {
         let decoded = self.read_registers().await?.flag_out_of_range(self.range_mm);
         if let (Some(frozen_detector), Ok(mm)) = (&mut self.frozen_detector, decoded.value_mm)
@@ -190,7 +195,7 @@ impl SensorDriver for ModbusSensorDriver {
         }
     }
 
-    fn is_on_demand(&self) -> bool {
+    fn is_simulated_on_demand(&self) -> bool {
         self.simulated_hz.is_some()
     }
 }

@@ -6,13 +6,15 @@ use tokio::time::{Duration, Instant};
 use super::register_map::SensorRegisterMap;
 use machine::record::sensor::Sensor;
 
-/// Number of equal values after which a value counts as frozen, if it has also been unchanged for long enough.
+/// Number of equal values from which on a value counts as frozen, if it has also been unchanged for long enough.
 const MIN_FROZEN_EQUAL_VALUES: u32 = 20;
 /// Smallest standard deviation of the noise, in counts, for which a frozen value can be detected: with less noise a
 /// good value may repeat again and again.
 const MIN_DETECTION_NOISE_SD_COUNTS: f64 = 4.0;
 
+/// Detects a value that has been exactly equal for too many reads and for too long.
 pub(super) struct FrozenValueDetector {
+    /// Time for which equal values are not yet frozen: the sensor's timeout.
     min_unchanged_time: Duration,
     last_value_mm: f64,
     unchanged_since: Instant,

@@ -19,22 +19,27 @@ pub(super) struct RegisterValueKeys {
     number_type: NumberType,
     #[serde(default)]
     order: ByteOrder,
+    /// Size of one count, mm; negative if the sensor counts in the other direction.
     scale_mm: f64,
     #[serde(default)]
     offset_mm: f64,
+    /// Numbers that are codes, not values.
     #[serde(default)]
     codes: Vec<RegisterCodeKeys>,
     /// Meaning of a number that is not finite (`f32`, `f64`).
     nan: Option<InvalidReason>,
 }
 
+/// Keys of a code: while the value has the number `is`, it is invalid for the reason `means`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RegisterCodeKeys {
+    /// Number in the registers, before scale and offset.
     is: f64,
     means: InvalidReason,
 }
 
+/// Keys of the counter, which increases by one with each sample and wraps around at the width of its type.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RegisterCounterKeys {
@@ -67,6 +72,7 @@ pub(super) struct RegisterEncoderKeys {
 #[serde(deny_unknown_fields)]
 pub(super) struct RegisterStatusKeys {
     register: u16,
+    /// Lowest bit, from 0.
     #[serde(default)]
     bit: u16,
     /// Number of bits.
@@ -98,19 +104,25 @@ pub(super) struct RegisterLocation {
     number_format: NumberFormat,
 }
 
+/// Condition under which the value is invalid.
 #[derive(Debug, Clone)]
 pub(super) enum RegisterCondition {
     Status(StatusBits),
     /// The number is not finite.
     NotFinite(RegisterLocation),
+    /// The number, before scale and offset, is exactly this code.
     Code(RegisterLocation, f64),
 }
 
+/// Bits of one register that mark the value as invalid.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StatusBits {
+    /// Index of the register in the span that is read; its address until the span is known.
     register: u16,
     lowest_bit: u16,
+    /// Mask of the bits after the register is shifted right by `lowest_bit`.
     mask_after_shift: u16,
+    /// Number of the bits for which the value is invalid; `None`: any number but zero.
     expected_bits: Option<u16>,
 }
 

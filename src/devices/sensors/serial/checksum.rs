@@ -10,6 +10,7 @@ use crate::sensors::bit_field::Endianness;
 #[serde(deny_unknown_fields)]
 pub(super) struct ChecksumKeys {
     kind: ChecksumKind,
+    /// Order of the bytes of the checksum; required if it has more than one byte.
     order: Option<Endianness>,
     /// Whether the checksum includes `sync`.
     #[serde(default)]
@@ -24,6 +25,7 @@ enum ChecksumKind {
     Sum,
     /// Exclusive or of all bytes.
     Xor,
+    /// CRC-8/SMBUS.
     Crc8,
     Crc16Modbus,
     /// IBM-3740, also called CCITT-FALSE.
@@ -61,6 +63,7 @@ impl ChecksumFormat {
         }
     }
 
+    /// Whether `received` is the checksum of `body`, preceded by `sync` if the checksum includes it.
     pub fn matches(&self, sync: &[u8], body: &[u8], received: &[u8]) -> bool {
         let begin = if self.includes_sync { sync } else { &[] };
         let sum = self.compute(&[begin, body].concat()).to_be_bytes();

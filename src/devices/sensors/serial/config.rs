@@ -11,6 +11,7 @@ use link::{HostPort, LinkConfig, LinkKeys};
 
 const DEFAULT_BAUD: u32 = 115_200;
 
+/// Keys of `[sensor.serial]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SerialKeys {
@@ -18,8 +19,9 @@ struct SerialKeys {
     serial_id: Option<String>,
     baud: Option<u32>,
     tcp: Option<HostPort>,
+    /// Maximum time without data, s; a longer silence is flagged.
     timeout_s: Option<f64>,
-    /// Request for one sample; if absent, the sensor sends by itself.
+    /// Request for one sample, sent as written; if absent, the sensor sends by itself.
     request: Option<String>,
     /// Maximum rate of the requests, Hz; if absent, as fast as the sensor answers.
     rate_hz: Option<f64>,
@@ -34,6 +36,7 @@ pub struct SerialConfig {
     pub(super) link: LinkConfig,
     /// Maximum time without data.
     pub(super) silence_timeout: Duration,
+    /// Request for one sample; `None`: the sensor sends by itself.
     pub(super) sample_request: Option<Vec<u8>>,
     /// Minimum time between two requests.
     pub(super) min_request_interval: Duration,

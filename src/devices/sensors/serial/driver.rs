@@ -19,22 +19,27 @@ use machine::record::sensor;
 
 /// Result of decoding one piece of the stream.
 enum StreamItem {
+    /// Decoded sample, with the time of its reception.
     Sample(Instant, DecodedSample),
     /// Bytes that could not be decoded.
     Undecodable,
 }
 
+/// Driver that decodes the byte stream of one sensor to samples.
 pub struct SerialDriver {
     config: SerialConfig,
+    /// Measuring range of the sensor, from the machine file: values beyond it are flagged.
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
     /// Ports that other sensors may share.
     ports: SharedPorts,
+    /// Stream of the port; `None` if the port is not open.
     stream: Option<ByteStreamHandle>,
     splitter: StreamSplitter,
     counter_tracker: CounterTracker,
     /// Decoded samples, and marks of undecodable bytes, that have not been read yet.
     unread_items: VecDeque<StreamItem>,
+    /// Data since the start of `prepare`, for the diagnosis of an unreadable stream.
     startup_data: StartupData,
     /// Sample rate, Hz, of a simulated sensor whose time advances only when it receives a request; `None`: a real
     /// sensor.
@@ -130,6 +135,7 @@ impl SerialDriver {
         Ok(decoded)
     }
 
+    /// Discards all data received so far, then sends the request.
     async fn send_request(&mut self, request: &[u8]) -> Result<(), SensorError> {
         self.next_request_time = Instant::now() + self.config.min_request_interval;
         self.unread_items.clear();
@@ -142,7 +148,7 @@ impl SerialDriver {
     }
 
     /// Waits until nothing has come for the timeout: then no late answer can be taken for the answer to the next
-    /// request.
+    /// request. An error if the sensor sends for ten timeouts without such a pause.
     async fn wait_until_silent(&mut self) -> Result<(), SensorError> {
         let silence = self.config.silence_timeout;
         // A sensor that never falls silent does not answer requests: it sends by itself.
@@ -202,8 +208,10 @@ impl SerialDriver {
         }
     }
 
+    /// Time of reception on the clock, s; for a simulated sensor that measures only when it is read, the present
+    /// time.
     fn sample_time_s(&self, received_at: Instant) -> f64 {
-        let age = if self.is_on_demand() { Duration::ZERO } else { received_at.elapsed() };
+        let age = if self.is_simulated_on_demand() { Duration::ZERO } else { received_at.elapsed() };
         self.clock.now_s() - age.as_secs_f64()
     }
 
@@ -218,7 +226,7 @@ impl SerialDriver {
             self.counter_tracker.complete_sample(0.0, decoded);
             unchanged_count += usize::from(self.counter_tracker.is_count_unchanged());
             times.push(at);
-            if self.is_on_demand() {
+            if self.is_simulated_on_demand() {
                 break;
             }
         }
@@ -233,7 +241,7 @@ impl SerialDriver {
 impl SensorDriver for SerialDriver {
     async fn prepare(&mut self) -> Result<SensorInfo, SensorError> {
         let needs_reopening = self.discard_received_data().await.is_err();
-        if needs_reopening && !self.is_on_demand() {
+        if needs_reopening && !self.is_simulated_on_demand() {
             self.reopen_stream().await?;
         }
         self.discard_received_data().await?;
@@ -274,7 +282,7 @@ impl SensorDriver for SerialDriver {
         }
     }
 
-    fn is_on_demand(&self) -> bool {
+    fn is_simulated_on_demand(&self) -> bool {
         self.simulated_hz.is_some()
     }
 }

@@ -11,10 +11,12 @@ use crate::sensors::sample_layout::DecodedSample;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FrameKeys {
+    /// First bytes of each frame.
     sync: Vec<u8>,
     /// Number of bytes between `sync` and the checksum.
     #[serde(rename = "length")]
     body_bytes: usize,
+    /// Last bytes of each frame, after the checksum.
     #[serde(default)]
     tail: Vec<u8>,
     order: Option<Endianness>,

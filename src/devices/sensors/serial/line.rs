@@ -23,7 +23,7 @@ pub(super) struct LineKeys {
     suffix: String,
     /// Text between columns; if absent, the text between prefix and suffix is the only column.
     separator: Option<String>,
-    /// Number of columns; a line with another number is invalid.
+    /// Number of columns, a line with another number is invalid; if absent, any number is valid.
     columns: Option<usize>,
     value: LineValueKeys,
     counter: Option<LineCounterKeys>,
@@ -38,6 +38,7 @@ pub(super) struct LineKeys {
 struct LineValueKeys {
     #[serde(default = "default_column")]
     column: usize,
+    /// Millimetres per unit of the number; negative if the sensor counts in the other direction.
     scale_mm: f64,
     #[serde(default)]
     offset_mm: f64,
@@ -46,6 +47,7 @@ struct LineValueKeys {
     codes: Vec<LineCodeKeys>,
 }
 
+/// Keys of a code: while the column of the value has exactly the text `is`, the value is invalid.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LineCodeKeys {
@@ -69,6 +71,7 @@ struct LineEncoderKeys {
     round: Option<u64>,
 }
 
+/// Keys of a status: the value is invalid while the column has exactly the text `is`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LineStatusKeys {
@@ -92,6 +95,7 @@ pub(super) struct LineFormat {
     prefix: String,
     suffix: String,
     separator: Option<String>,
+    /// Required number of columns; `None`: any number.
     column_count: Option<usize>,
     pub sample_layout: SampleLayout<ColumnNumber>,
 }
@@ -158,6 +162,7 @@ impl LineFormat {
         decoded.counter_value.is_none_or(|count| count < modulus).then_some(decoded)
     }
 
+    /// Splits the text at the separator and trims each column; a separator of one space stands for any white space.
     fn split_columns<'t>(&self, text: &'t str) -> Vec<&'t str> {
         match self.separator.as_deref() {
             Some(" ") => text.split_ascii_whitespace().collect(),

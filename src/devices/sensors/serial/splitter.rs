@@ -5,22 +5,26 @@ use super::format::DataFormat;
 use super::{frame, line};
 use crate::sensors::sample_layout::DecodedSample;
 
-/// Maximum length of a line, bytes; longer input is not a line.
+/// Maximum number of bytes that may come without a line end; more are undecodable.
 const MAX_LINE_BYTES: usize = 512;
 
+/// A line without its end, or a frame; or bytes that are neither.
 #[derive(Debug, PartialEq)]
 pub(super) enum StreamPiece {
     Decoded {
         sample: DecodedSample,
+        /// Number of bytes of the whole piece, the line end included.
         consumed_byte_count: usize,
     },
     /// Bytes that cannot be decoded.
     Undecodable(Vec<u8>),
 }
 
+/// Splits the byte stream of one sensor, and decodes the pieces.
 #[derive(Debug)]
 pub(super) struct StreamSplitter {
     format: DataFormat,
+    /// Received bytes that do not complete a piece yet.
     buffer: Vec<u8>,
     /// Whether the bytes may begin within a line or frame: those before the next start of a line or frame are not
     /// decoded.

@@ -6,7 +6,9 @@ use crate::sensors::SensorError;
 /// Data received since `prepare`, while the rate is measured.
 #[derive(Debug, Default)]
 pub(super) struct StartupData {
+    /// Number of bytes of decoded lines or frames, line ends included.
     pub valid_byte_count: usize,
+    /// Number of bytes that could not be decoded.
     pub invalid_byte_count: usize,
     /// The first bytes that could not be decoded.
     first_invalid_bytes: Vec<u8>,
@@ -15,6 +17,7 @@ pub(super) struct StartupData {
     first_received_bytes: Vec<u8>,
 }
 
+/// Maximum number of bytes that are kept as an example for the message.
 const MAX_EXAMPLE_BYTES: usize = 60;
 
 impl StartupData {
@@ -33,6 +36,7 @@ impl StartupData {
         self.invalid_byte_count > self.valid_byte_count
     }
 
+    /// Error with an example of the data and the likely reason; `baud` is `None` behind a network converter.
     pub fn diagnose(&self, format: &DataFormat, baud: Option<u32>) -> SensorError {
         let example =
             if self.first_invalid_bytes.is_empty() { &self.first_received_bytes } else { &self.first_invalid_bytes };

@@ -22,7 +22,7 @@ use modbus::ThermometerReader;
 #[serde(try_from = "ThermometerKeys")]
 pub struct ThermometerConfig {
     pub name: String,
-    /// Time for which the last value is valid.
+    /// Age up to which the last value is valid.
     max_age: Duration,
     source: ThermometerSource,
 }
@@ -101,8 +101,9 @@ impl ThermometerConfig {
     }
 }
 
-/// Reads each of `entries` once, °C; `simulated` returns the source of a simulated thermometer by its name. Call
-/// inside a tokio runtime.
+/// Reads each of `entries` once, °C: first the simulated ones, then device by device, so that the order differs from
+/// that of `entries`. `simulated` returns the source of a simulated thermometer by its name. Call inside a tokio
+/// runtime.
 pub async fn read_thermometers_once(
     entries: &[ThermometerConfig],
     simulated: impl Fn(&str) -> Option<SimulatedTemperatureSource>,
@@ -120,7 +121,8 @@ pub async fn read_thermometers_once(
     results
 }
 
-/// Groups thermometers by device. Those of one device share its link: a serial port is opened once.
+/// Groups thermometers, except simulated ones, by the description of their Modbus device (address and unit). Those of
+/// one device share its link: a serial port is opened once.
 fn group_by_device(
     entries: &[ThermometerConfig],
 ) -> BTreeMap<String, Vec<(&ThermometerConfig, &modbus::ModbusThermometerConfig)>> {

@@ -13,6 +13,7 @@ use link::modbus::{
     RegisterSpace,
 };
 
+/// Keys of `[thermometer.modbus]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ModbusThermometerKeys {
@@ -48,8 +49,9 @@ struct ModbusThermometerValueKeys {
 #[serde(try_from = "ModbusThermometerKeys")]
 pub(super) struct ModbusThermometerConfig {
     pub device: ModbusDeviceConfig,
+    /// Registers of the number.
     span: RegisterRange,
-    /// Format of the number, with its scale.
+    /// Format of the number; its scale is in °C per count.
     number_format: NumberFormat,
     offset_c: f64,
 }

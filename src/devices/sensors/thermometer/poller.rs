@@ -14,9 +14,10 @@ use super::{
 /// Maximum time to wait for the first values before the first touch: longer than a port may take to be released.
 const MAX_FIRST_VALUES_WAIT: Duration = Duration::from_secs(6);
 const FIRST_VALUES_CHECK_INTERVAL: Duration = Duration::from_millis(10);
-/// Number of polls during the time for which a value is valid; `POLL_INTERVAL_LIMITS` bounds the interval.
+/// Number of polls of a device during the shortest time for which a value of its thermometers is valid;
+/// [`POLL_INTERVAL_LIMITS`] bounds the interval.
 const POLLS_PER_MAX_AGE: u32 = 4;
-/// Shortest and longest interval between two polls of a device.
+/// Shortest and longest pause between two polls of a device.
 const POLL_INTERVAL_LIMITS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
 /// Polls thermometers until the poller is dropped.
@@ -31,6 +32,7 @@ struct PolledThermometer {
     source: TemperatureSource,
 }
 
+/// Where the temperature of a thermometer comes from.
 enum TemperatureSource {
     /// Last value, and the age up to which it is valid.
     Polled(Arc<Mutex<LastTemperature>>, Duration),
@@ -76,7 +78,7 @@ impl ThermometerPoller {
         Self { thermometers, _stop_senders: stop_senders }
     }
 
-    /// Waits until each thermometer was read once, at most for `MAX_FIRST_VALUES_WAIT`.
+    /// Waits until each thermometer was polled once, successfully or not, at most for `MAX_FIRST_VALUES_WAIT`.
     pub async fn wait_for_first_values(&self) {
         let start = Instant::now();
         let was_polled = |thermometer: &PolledThermometer| match &thermometer.source {
@@ -88,7 +90,8 @@ impl ThermometerPoller {
         }
     }
 
-    /// Returns each name with the valid temperature, °C, or the reason why there is none.
+    /// Returns each name with the last temperature, °C, if it is not older than its maximum age, even after a later
+    /// error; otherwise the reason why there is none.
     pub fn current_temperatures_c(&self) -> Vec<(&str, Result<f64, Arc<ThermometerError>>)> {
         let value = |thermometer: &PolledThermometer| match &thermometer.source {
             TemperatureSource::Simulated(simulated) => read_simulated(simulated.as_ref()).map_err(Arc::new),
@@ -99,6 +102,7 @@ impl ThermometerPoller {
 }
 
 impl LastTemperature {
+    /// Stores the result; an error does not replace the last temperature.
     fn record_poll_result(&mut self, result: Result<f64, ThermometerError>) {
         match result {
             Ok(celsius) => {
@@ -108,10 +112,12 @@ impl LastTemperature {
         }
     }
 
+    /// Whether a poll has ended, successfully or not.
     fn was_polled(&self) -> bool {
         self.temperature_c_and_read_time.is_some() || self.last_error.is_some()
     }
 
+    /// Returns the last temperature, °C, if its age is at most `max_age`; otherwise the last error.
     fn value_within(&self, max_age: Duration) -> Result<f64, Arc<ThermometerError>> {
         match self.temperature_c_and_read_time {
             Some((celsius, at)) if at.elapsed() <= max_age => Ok(celsius),

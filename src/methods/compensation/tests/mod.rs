@@ -21,7 +21,7 @@ use machine::{Axis, Position};
 
 /// A stylus of exactly the stated length, on the axis of the spindle.
 const STATED: StatedStylusUncertainty = StatedStylusUncertainty { offset_u_mm: Some(0.0), length_u_mm: Some(0.0) };
-const OPTIONS: ProposalOptions = ProposalOptions { with_insignificant_changes: false, max_change_mm: 0.5 };
+const OPTIONS: ProposalOptions = ProposalOptions { applies_insignificant_changes: false, max_change_mm: 0.5 };
 
 /// Position of the tip X, Y, Z, mm, and the angles of the tilting axis and of C in the sense of LinuxCNC, rad.
 type Pose = ([f64; 3], [f64; 2]);

@@ -46,15 +46,15 @@ pub struct Change {
     pub expanded: f64,
     /// Index of the first value after the step, or of the value at which the line begins.
     pub first: usize,
-    /// Index of the last value certainly before the change, and of the first certainly after it.
+    /// Index of the last value before the 95 % interval of the change, and of the first after it.
     pub between: [usize; 2],
     /// Probability that random scatter explains as much of the scatter as this change.
     #[serde(rename = "chance")]
     pub p_value: f64,
 }
 
-/// The changes in `points` (ordered), oldest first. The values after a step are evaluated separately from those before
-/// it.
+/// The changes in `points` (ordered), oldest first: the most significant change, and, if it is a step, the changes
+/// after it. Values before a step are not searched again.
 pub(super) fn detect_changes(points: &[TrendPoint]) -> Vec<Change> {
     let mut changes: Vec<Change> = Vec::new();
     let mut begin = points.len().saturating_sub(MAX_EVALUATED_VALUES);
@@ -74,7 +74,9 @@ pub(super) fn detect_changes(points: &[TrendPoint]) -> Vec<Change> {
 /// One possible change as a function of the values' index, with mean zero.
 struct CandidateChange {
     kind: ChangeKind,
+    /// First value after the step, or value at which the line begins.
     first_index: usize,
+    /// Step of height 1, or line of slope 1 per day, minus its mean.
     shape_column: Vec<f64>,
     shape_norm: f64,
 }
@@ -163,6 +165,8 @@ fn simulated_p_value(all: &[CandidateChange], count: usize, share: f64) -> Optio
     Some(f64::from(as_much + 1) / f64::from(SIMULATED_SERIES_COUNT + 1))
 }
 
+/// The change with its fitted size, and the interval of candidates of its kind that explain the values almost as
+/// well.
 fn change_from_candidate(all: &[CandidateChange], best: &CandidateChange, values: &[f64], chance: f64) -> Change {
     // Level, height and position of the change are fitted to the values.
     let dof = (values.len() - 3) as f64;

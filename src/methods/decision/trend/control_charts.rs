@@ -19,7 +19,9 @@ fn rounding_error(centre: f64) -> f64 {
 /// Individuals chart. Its scatter comes from successive differences, so that a slow change does not widen it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct IndividualsChart {
+    /// Mean of the values.
     pub centre: f64,
+    /// Standard deviation of a single value: mean absolute successive difference divided by d₂.
     pub sigma: f64,
 }
 
@@ -53,6 +55,7 @@ pub struct EwmaChart {
 }
 
 impl EwmaChart {
+    /// Chart of `values`, whose average starts at `centre`. `sigma`: standard deviation of a single value.
     pub fn from_values(values: &[f64], centre: f64, sigma: f64) -> Self {
         let means = values.iter().scan(centre, |mean, value| {
             *mean += EWMA_WEIGHT * (value - *mean);

@@ -32,7 +32,8 @@ pub struct Trend {
     /// Control limits from the values since the last step. The newest value is excluded, because the limits
     /// judge it. `None`: fewer than [`MIN_CHART_VALUES`] such values.
     pub individuals: Option<IndividualsChart>,
-    /// EWMA chart of the values since the last step, the newest value included.
+    /// EWMA chart of the values since the last step, the newest value included, with centre and scatter of
+    /// `individuals`. `None`: as `individuals`.
     pub ewma: Option<EwmaChart>,
 }
 
@@ -54,7 +55,8 @@ impl Trend {
         Self { points, changes, individuals, ewma }
     }
 
-    /// Whether the newest value lies outside the limits from the earlier values.
+    /// Whether the newest value, or the moving average up to it, lies outside the limits from the earlier values.
+    /// `None`: there are no limits.
     pub fn is_newest_value_outside_limits(&self) -> Option<bool> {
         let chart = self.individuals?;
         let newest = self.points.last()?;

@@ -73,6 +73,7 @@ impl NamedTrend<'_> {
         self.newest_time_s() >= since_s
     }
 
+    /// Whether the change is a drift, or a step that may have happened after `since_s`.
     fn is_recent_change(&self, change: &Change, since_s: f64) -> bool {
         change.kind == ChangeKind::Drift || self.point_time_s(change.between[1]) > since_s
     }

@@ -17,9 +17,11 @@ use machine::record::machine::Machine;
 use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 
-/// Required uncertainties of the machine's parameters at a noise of 1 µm (METHODS section 4, G4), in rad and
-/// mm/mm. The optimality criteria compare the parameters in these units and [`REQUIRED_OFFSET_U_MM`].
+/// Required uncertainty of an angular parameter of the machine at a noise of 1 µm (METHODS section 4, G4), rad. The
+/// optimality criteria compare the parameters in units of this value, [`REQUIRED_GAIN_U`] and
+/// [`REQUIRED_OFFSET_U_MM`].
 const REQUIRED_ANGLE_U_RAD: f64 = 2e-6;
+/// Required uncertainty of a gain at a noise of 1 µm, mm/mm.
 const REQUIRED_GAIN_U: f64 = 2.5e-6;
 /// Standard uncertainty of a coordinate of a ball centre if none is declared, mm.
 const DEFAULT_CENTRE_STD_U_MM: f64 = 1e-3;
@@ -29,8 +31,9 @@ pub struct DesignSetup<'a> {
     pub settings: &'a SambaSettings,
     pub balls: &'a Balls,
     pub model: GeometryModel,
+    /// Stated stylus tip.
     pub tip: Point<SpindleFrame>,
-    /// Whether the spindle turns with the design.
+    /// Whether the design turns the spindle: axis S is declared and `spindle` is not `fixed`.
     pub is_spindle_oriented: bool,
 }
 
@@ -65,6 +68,7 @@ impl<'a> DesignSetup<'a> {
         Ok(at.updated_by(&linear.filter_axes(Axis::is_linear)))
     }
 
+    /// The measurement of the ball at this indexation, with its derivatives scaled for the optimality criteria.
     pub fn candidate_measurement(
         &self,
         indexation: usize,
@@ -94,12 +98,13 @@ impl<'a> DesignSetup<'a> {
         })
     }
 
-    /// Standard uncertainty of a coordinate of a ball centre, mm.
+    /// Standard uncertainty of a coordinate of a ball centre, mm: the declared repeatability of the probe, at least
+    /// 0.01 µm, or 1 µm if none is declared.
     pub fn centre_u_mm(&self) -> f64 {
         self.plan.probe.repeatability_um.map_or(DEFAULT_CENTRE_STD_U_MM, |um| um.max(0.01) * 1e-3)
     }
 
-    /// Units of the machine's parameters.
+    /// Required uncertainty of each machine parameter, used as its unit.
     fn parameter_units(&self) -> impl Iterator<Item = f64> + '_ {
         self.model.parameters().iter().map(|parameter| match parameter.shape() {
             ErrorShape::Gain => REQUIRED_GAIN_U,

@@ -17,6 +17,7 @@ const NEW_INDEXATION_COST: f64 = 0.25;
 
 /// Indices of the candidates in the order in which they were chosen.
 pub struct ChosenMeasurements {
+    /// All chosen candidates, in the order of the choice; not the measuring order.
     pub candidate_indices: Vec<usize>,
     /// Number of candidates after which each ball has [`MIN_VISITS_PER_BALL`] indexations.
     pub count_with_min_visits: usize,
@@ -26,8 +27,11 @@ pub struct ChosenMeasurements {
 struct GreedyChoice<'a> {
     candidates: &'a [CandidateMeasurement],
     settings: &'a SambaSettings,
+    /// Information from the certified lengths and the chosen candidates.
     information: MachineInformation,
+    /// Indices of the chosen candidates, in the order of the choice.
     chosen_indices: Vec<usize>,
+    /// Indexations of the chosen candidates.
     chosen_indexations: BTreeSet<usize>,
     /// Number of visits of each ball.
     visit_counts: Vec<usize>,
@@ -84,8 +88,8 @@ impl GreedyChoice<'_> {
         !allowed.is_empty()
     }
 
-    /// Adds the candidate with the most information per time within the budget; with `only_below_min_visits`
-    /// only of balls that need more visits.
+    /// Adds the candidate with the most information per time within the budget; with `only_below_min_visits` only of
+    /// balls that need more visits. False: no candidate was added.
     fn add_best_candidate(&mut self, only_below_min_visits: bool) -> bool {
         let is_eligible = |candidate: &CandidateMeasurement| {
             !only_below_min_visits
@@ -107,6 +111,7 @@ impl GreedyChoice<'_> {
         best.is_some()
     }
 
+    /// Whether the candidate is not chosen yet and fits into the limits of measurements and indexations.
     fn fits_size_limits(&self, index: usize) -> bool {
         let Some(candidate) = self.candidates.get(index) else { return false };
         let has_room = self.chosen_indexations.len() < self.settings.indexations;

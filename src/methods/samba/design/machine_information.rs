@@ -25,6 +25,7 @@ pub struct CandidateMeasurement {
 #[derive(Debug, Clone, Copy)]
 pub struct LengthBar {
     pub ball_indices: [usize; 2],
+    /// Unit vector from the first to the second ball, table frame.
     pub direction: Vector3<f64>,
     pub u_mm: f64,
 }
@@ -38,7 +39,7 @@ struct InverseInformation {
 
 /// Terms of the update of an inverse P by three rows W: P·Wᵀ, and I + W·P·Wᵀ.
 struct UpdateTerms {
-    gain: Vec<Vector3<f64>>,
+    cross_covariance: Vec<Vector3<f64>>,
     innovation_covariance: Matrix3<f64>,
 }
 
@@ -50,6 +51,7 @@ impl UpdateTerms {
 }
 
 impl InverseInformation {
+    /// Start without information: independent unknowns with the variance [`INITIAL_VARIANCE`].
     fn new(size: usize) -> Self {
         let diagonal = |i: usize| if i.is_multiple_of(size + 1) { INITIAL_VARIANCE } else { 0.0 };
         Self { size, entries: (0..size * size).map(diagonal).collect() }
@@ -61,13 +63,13 @@ impl InverseInformation {
         let along: Vec<Vector3<f64>> = rows.map(|row| row.iter().zip(columns).map(|(p, w)| *w * *p).sum()).collect();
         let parts = columns.iter().zip(&along).map(|(w, pw)| w * pw.transpose());
         let core = Matrix3::identity() + parts.sum::<Matrix3<f64>>();
-        UpdateTerms { gain: along, innovation_covariance: core }
+        UpdateTerms { cross_covariance: along, innovation_covariance: core }
     }
 
     /// Adds three rows, given as one column for each unknown (Woodbury identity).
     fn add_rows(&mut self, columns: &[Vector3<f64>]) {
         let effect = self.update_terms(columns);
-        let (along, solved) = (&effect.gain, effect.innovation_covariance_inverse());
+        let (along, solved) = (&effect.cross_covariance, effect.innovation_covariance_inverse());
         for (row, left) in self.entries.chunks_exact_mut(self.size).zip(along) {
             let left = solved * left;
             row.iter_mut().zip(along).for_each(|(entry, right)| *entry -= left.dot(right));
@@ -82,10 +84,11 @@ pub struct MachineInformation {
     machine_parameter_count: usize,
     /// Index of the first coordinate of each ball among the unknowns; `None`: the ball is eliminated.
     ball_unknowns: Vec<Option<usize>>,
-    /// Number of measurements of each ball so far, and the mean of their columns.
+    /// Number of measurements of each ball so far, and the mean of their scaled derivatives.
     measurement_counts_and_means: Vec<(f64, Vec<Vector3<f64>>)>,
+    /// Inverse for machine, tool and the balls that are not eliminated.
     inverse_with_machine: InverseInformation,
-    /// Inverse for tool and balls alone, with the machine known.
+    /// Inverse for tool and the balls that are not eliminated, with the machine known.
     inverse_without_machine: InverseInformation,
     /// Unit of a ball coordinate divided by the standard uncertainty of a centre.
     ball_unit_per_centre_u: f64,
@@ -122,6 +125,7 @@ impl MachineInformation {
         information
     }
 
+    /// Adds the certified length to the information, as one row in the direction of the length.
     fn add_length(&mut self, bar: &LengthBar) {
         let mut columns = vec![Vector3::zeros(); self.inverse_with_machine.size];
         let weight = REQUIRED_OFFSET_U_MM / bar.u_mm;
@@ -172,7 +176,11 @@ impl MachineInformation {
             }
             OptimalityCriterion::A => {
                 let solved = full.innovation_covariance_inverse();
-                full.gain.iter().take(self.machine_parameter_count).map(|along| along.dot(&(solved * *along))).sum()
+                full.cross_covariance
+                    .iter()
+                    .take(self.machine_parameter_count)
+                    .map(|along| along.dot(&(solved * *along)))
+                    .sum()
             }
         }
     }

@@ -58,7 +58,7 @@ pub fn design_visits(
     Ok(visits)
 }
 
-/// The greedy choice, as far as the time limit in minutes allows.
+/// The greedy choice, as far as the time limit in minutes allows (0: no limit).
 fn choose_optimal_visits(
     setup: &DesignSetup<'_>,
     candidates: &DesignCandidates,

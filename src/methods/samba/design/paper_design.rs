@@ -2,12 +2,11 @@
 //! ±60 and ±90°, C in steps of 90° forward and reverse, S in steps of 90°.
 //!
 //! The paper does not list its positions. The design here is one assignment with exactly the counts of the paper. The
-//! tilts ascend. At
-//! 0° C takes all four quarters forward and then in reverse. At each other tilt C takes three quarters,
-//! alternately forward and in reverse, and the omitted quarter rotates. S advances by a quarter from position
-//! to position, starts a quarter later at each tilt, and is opposite in the reverse pass at 0°, so that no
-//! position occurs twice. Of the accessible balls 109 are kept: repeatedly, from the position with the most
-//! balls, the ball that is measured most often is removed.
+//! tilts ascend. At 0° C takes all four quarters forward and then in reverse. At each other tilt C takes three
+//! quarters, alternately forward and in reverse, and the omitted quarter rotates. S advances by a quarter from
+//! position to position, starts a quarter later at each tilt, and is opposite in the reverse pass at 0°, so that no
+//! position occurs twice. Of the accessible balls 109 are kept: repeatedly, from the position with the most balls,
+//! the ball that is measured most often is removed.
 
 use super::{DesignCandidates, DesignSetup};
 use crate::MethodRefusal;
@@ -15,7 +14,9 @@ use crate::ball_measurement::{BallVisit, is_parallel_to_spindle, is_rotary_excep
 use crate::samba::settings::SambaSettings;
 use machine::{Axis, Position};
 
+/// Angles of the tilting axis (B in the paper), in measuring order.
 const TILTS_DEG: [f64; 9] = [-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0];
+/// Angles of the turning axis (C in the paper) and of the spindle S.
 const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
 /// Number of positions of B, C and S.
 const ROTARY_POSITION_COUNT: usize = 32;
@@ -98,6 +99,7 @@ pub fn paper_visits(setup: &DesignSetup<'_>, candidates: &DesignCandidates) -> R
     Ok(visits)
 }
 
+/// Removes one ball from the visit with the most balls: the one that is measured most often in all visits.
 fn remove_redundant_measurement(visits: &mut [BallVisit]) {
     let mut counts = vec![0_usize; visits.iter().flat_map(|v| &v.ball_indices).max().map_or(0, |b| b + 1)];
     for ball in visits.iter().flat_map(|visit| &visit.ball_indices) {

@@ -36,7 +36,7 @@ impl DeclaredCommands {
         Ok(())
     }
 
-    /// Effect of a line that contains exactly `words`.
+    /// Effect of a line that contains exactly `words`. `None`: the line is not a declared command.
     pub(super) fn effect_of(&self, words: &GcodeWords) -> Option<SwitchEffect> {
         self.0.iter().find(|(known, _)| known == words).map(|(_, switch)| *switch)
     }
@@ -100,6 +100,7 @@ fn fixed_meaning_of_m_word(code: u32) -> Option<&'static str> {
 #[derive(Debug, Default)]
 pub(super) struct SwitchState {
     declared_commands: DeclaredCommands,
+    /// Whether the probe was switched on last. False before the first command.
     is_probe_on: bool,
     /// Whether the clamp of an axis is closed; an axis without an entry: unknown.
     clamp_closed_by_axis: BTreeMap<Axis, bool>,
@@ -120,7 +121,7 @@ impl SwitchState {
         true
     }
 
-    /// Checks that no clamp blocks these axes.
+    /// Checks that no declared clamp blocks these axes. A clamp whose state is unknown blocks its axis.
     pub fn check_clamps_open(&self, mut axes: impl Iterator<Item = Axis>) -> Result<(), LineError> {
         let clamped = |axis: &Axis| self.has_clamp(*axis) && self.clamp_closed_by_axis.get(axis) != Some(&false);
         match axes.find(clamped) {
@@ -129,7 +130,8 @@ impl SwitchState {
         }
     }
 
-    /// Checks that the probe is on and all clamps are closed.
+    /// Checks that the probe is on, if a command for this is declared, and that all declared clamps are closed. A
+    /// clamp whose state is unknown is refused.
     pub fn check_probe_on_and_clamps_closed(&self) -> Result<(), LineError> {
         if self.declared_commands.contains_effect(SwitchEffect::ProbeOn(true)) && !self.is_probe_on {
             return Err("the probe is not switched on".into());
@@ -141,6 +143,7 @@ impl SwitchState {
         }
     }
 
+    /// Whether a command that opens a clamp of the axis is declared.
     fn has_clamp(&self, axis: Axis) -> bool {
         self.declared_commands.contains_effect(SwitchEffect::ClampClosed(axis, false))
     }

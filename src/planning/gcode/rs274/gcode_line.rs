@@ -9,19 +9,21 @@ use super::LineError;
 pub(super) enum GcodeLine {
     /// `%` at the start or end of the program.
     Percent,
-    /// `o<..> if [..]`
+    /// `o<NAME> if [..]`: the name in upper case; the condition itself is not kept.
     IfLabel(String),
-    /// `o<..> endif`
+    /// `o<NAME> endif`: the name in upper case.
     EndIfLabel(String),
     Words(GcodeWords),
 }
 
-/// Words by letter; G and M words may occur several times.
+/// Words of a line that the reader has not taken yet. G and M words may occur several times, a word of any other
+/// letter only once.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct GcodeWords {
     /// Ten times the G words: G38.2 is 382.
     pub g_words_tenfold: Vec<u32>,
     pub m_words: Vec<u32>,
+    /// Values of the words other than G and M, in the units of the text.
     values_by_letter: BTreeMap<char, f64>,
     /// Whether the line contains a comment `(ABORT, ..)`.
     pub has_abort_comment: bool,

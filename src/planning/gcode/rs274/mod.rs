@@ -21,10 +21,11 @@ pub struct ReadMotion {
     /// Value of the N word; `None`: the line has no N word.
     pub step_number: Option<u32>,
     pub kind: MotionKind,
-    /// End positions of the axes in the line, mm and rad; empty for dwell, orientation and stop.
+    /// End positions of the axes in the line, mm and rad, absolute also for G91; empty for dwell, orientation and
+    /// stop.
     pub target: Position,
     pub frame: MotionFrame,
-    /// Feed, mm/min; `None` for a rapid and for anything that does not move.
+    /// Feed, mm/min, or degrees/min if only rotary axes move; `None` for a rapid and for anything that does not move.
     pub feed_mm_min: Option<f64>,
 }
 
@@ -55,7 +56,8 @@ pub enum MotionKind {
 pub enum MotionFrame {
     /// G53, or a work offset slot known to be zero, with G92 and tool length offset off.
     Machine,
-    /// Work coordinates of this name; the text does not contain their offsets.
+    /// Work coordinates: name of the slot (`G54`), or `an unknown work offset`; the text does not contain their
+    /// offsets.
     Work(String),
 }
 

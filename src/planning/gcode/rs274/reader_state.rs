@@ -8,7 +8,7 @@ use super::{LineError, MotionFrame, MotionKind, ReadMotion};
 use machine::{Axis, Position};
 
 const MM_PER_INCH: f64 = 25.4;
-/// Work offset slots by their P number in G10 L2, and their G words times ten.
+/// Work offset slots in the order of their P numbers in G10 L2 (P1 is G54), with their G words times ten.
 const WORK_OFFSETS_AND_G_WORDS_TENFOLD: [(&str, u32); 9] = [
     ("G54", 540),
     ("G55", 550),
@@ -30,15 +30,20 @@ enum DistanceMode {
     Incremental,
 }
 
-/// Modal state; `None`: not set by the text so far.
+/// Modal state; `None` or `false`: not set by the text so far, or not since M72.
 #[derive(Debug, Default)]
 struct ModalState {
+    /// 1 after G21, 25.4 after G20.
     mm_per_unit: Option<f64>,
     distance_mode: Option<DistanceMode>,
+    /// Active motion mode, for lines with axis words; `None` also after G80.
     motion_kind: Option<MotionKind>,
     feed_mm_min: Option<f64>,
+    /// Active slot, such as `G54`.
     work_offset_slot: Option<&'static str>,
+    /// G92.1 or G92.2 has been read. G92 itself is refused.
     is_g92_off: bool,
+    /// G49 has been read. G43 is refused.
     is_tool_length_off: bool,
     /// G61 or G61.1: each move reaches its target before the next begins. G64 cuts corners.
     is_exact_path: bool,
@@ -50,18 +55,24 @@ struct ModalState {
 #[derive(Debug, Default)]
 pub(super) struct GcodeReaderState {
     modal_state: ModalState,
-    /// Position of each axis, as far as the text determines it.
+    /// Position of each axis, mm and rad, as far as the text determines it. Not known: the axes of a probing move
+    /// after that move, and all axes after M0.
     known_position: Position,
-    /// Axes whose offset the text has set to zero, by slot.
+    /// Axes whose work offset is known to be zero, by slot: set to zero by G10 L2, or stated when the reader was
+    /// created.
     zeroed_axes_by_slot: BTreeMap<&'static str, BTreeSet<Axis>>,
     switch_state: SwitchState,
     /// Name of the open condition, and whether it stops the program.
     open_condition_and_has_stop: Option<(String, bool)>,
+    /// `%` or a word has been read.
     has_program_started: bool,
+    /// The second `%`, M2, M30 or an ABORT comment has been read: every further word is an error.
     has_program_ended: bool,
 }
 
 impl GcodeReaderState {
+    /// State before the first line. `zero_offset_slot`: slot whose offsets are known to be zero in all axes; a name
+    /// that is not a slot has no effect.
     pub fn new(zero_offset_slot: Option<&str>, declared: &DeclaredCommands) -> Self {
         let known = WORK_OFFSETS_AND_G_WORDS_TENFOLD.iter().filter(|(name, _)| Some(*name) == zero_offset_slot);
         let zeroed_axes_by_slot = known.map(|(name, _)| (*name, Axis::ALL.into_iter().collect())).collect();
@@ -113,6 +124,7 @@ impl GcodeReaderState {
         refuse_unread_words(&words)
     }
 
+    /// Applies a line outside a condition, and returns its motion. A dwell without an N word returns no motion.
     fn apply_words(&mut self, mut words: GcodeWords) -> Result<Option<ReadMotion>, LineError> {
         if words.g_words_tenfold.is_empty() && words.m_words.is_empty() && words.first_unread_word().is_none() {
             return Ok(None);
@@ -137,6 +149,7 @@ impl GcodeReaderState {
         Ok(motion.filter(|motion| !own(motion)).map(|motion| ReadMotion { step_number: n, ..motion }))
     }
 
+    /// Takes the words that set modes, the F word, and M66, M70 and M72.
     fn apply_modal_words(&mut self, words: &mut GcodeWords) -> Result<(), LineError> {
         // M66 L0 reads an input immediately: it waits for the moves before it and does not move.
         if words.take_m_word(66)
@@ -235,6 +248,8 @@ impl GcodeReaderState {
         Ok(())
     }
 
+    /// Checks the modal state and the switches for a straight move, and returns the move. Its line and N word are set
+    /// by the caller.
     fn straight_move(
         &mut self,
         in_machine_coordinates: bool,
@@ -281,6 +296,8 @@ impl GcodeReaderState {
         Ok(ReadMotion { line: 0, step_number: None, kind, target, frame, feed_mm_min })
     }
 
+    /// Machine frame if the offset of the active slot is zero for every axis of the target, and G92 and tool length
+    /// offset are off; otherwise the work frame of the slot.
     fn target_frame(&self, target: &Position) -> MotionFrame {
         let Some(slot) = self.modal_state.work_offset_slot else {
             return MotionFrame::Work("an unknown work offset".to_owned());
@@ -297,6 +314,7 @@ impl GcodeReaderState {
 
 const UNITS_NOT_SET_MESSAGE: &str = "neither G20 nor G21 is set";
 
+/// Motion with an empty target, in the machine frame. Its line and N word are set by the caller.
 fn motion_without_target(kind: MotionKind) -> ReadMotion {
     let (target, frame) = (Position::new(), MotionFrame::Machine);
     ReadMotion { line: 0, step_number: None, kind, target, frame, feed_mm_min: None }

@@ -28,6 +28,7 @@ pub fn login_routes() -> Router<AppState> {
 
 #[derive(Deserialize)]
 struct LoginForm {
+    /// Secret of the token, as `trued token add` has printed it.
     token: String,
 }
 
@@ -67,6 +68,7 @@ async fn sign_out(State(app): State<AppState>, headers: HeaderMap) -> Response {
     redirect_with_cookie(&app.access, &headers, String::new(), time::Duration::ZERO, LOGIN_ROUTE)
 }
 
+/// Redirects to `location` and sets the session cookie; `max_age` 0 deletes the cookie.
 fn redirect_with_cookie(
     access: &AccessControl,
     headers: &HeaderMap,

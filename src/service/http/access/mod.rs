@@ -55,6 +55,7 @@ pub struct AccessControl {
 /// Client of a request: the owner of a token or, where none is required, a user on this computer.
 #[derive(Clone)]
 pub struct Caller {
+    /// `None`: tokens are not required, or the request is for the sign-in page.
     token: Option<Token>,
     /// Key of the rate limit: the token's name, or the address.
     pub rate_limit_key: String,
@@ -114,20 +115,22 @@ impl Caller {
         }
     }
 
-    /// Whether the client's token is still valid and not revoked.
+    /// Whether the client's token is still in the list of tokens; `true` for a client without a token, `false` if the
+    /// list cannot be read.
     pub fn is_token_valid(&self) -> bool {
         let known = || self.access.valid_tokens().unwrap_or_default();
         self.token.as_ref().is_none_or(|token| known().contains(token))
     }
 
     /// Counts a hold of the client; returns whether its holds are too frequent to log each one.
-    pub fn counts_hold_beyond_log_rate(&self) -> bool {
+    pub fn count_hold_and_check_log_rate(&self) -> bool {
         self.access.rate_limits.hold_log_limit.count_event(&self.rate_limit_key).is_err()
     }
 }
 
 /// Why a request is not admitted.
 enum AccessDenied {
+    /// No token or session, or one that is unknown, expired or revoked.
     NoValidToken,
     /// The request requires this role, or a higher one; the caller has a lower one.
     RequiresRole(Role),
@@ -159,7 +162,8 @@ impl AccessControl {
         }))
     }
 
-    /// The valid tokens. If they cannot be read, no client is admitted, and the log reports it once.
+    /// All tokens that are not revoked. If they cannot be read, no client is admitted (except for a hold with a token
+    /// of the last successful read), and the log reports it once.
     fn valid_tokens(&self) -> Result<Vec<Token>, TokenError> {
         let known = self.token_store.read_all();
         let trouble = known.as_ref().err().map(|error| format!("{error}; {}", error.remedy()));
@@ -174,6 +178,7 @@ impl AccessControl {
         known
     }
 
+    /// Checks token, role and rate limit of a request. Only changes count for the rate limit, and a hold does not.
     fn authorize(self: &Arc<Self>, request: &Request) -> Result<Caller, AccessDenied> {
         let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
         let (is_read_only, address) = (request.method().is_safe(), self.client_address(request));
@@ -192,6 +197,8 @@ impl AccessControl {
         Ok(Caller { token, rate_limit_key, access: Arc::clone(self) })
     }
 
+    /// Token of the `Authorization` header or, only without this header, of a session. An invalid token counts for
+    /// the limit of `address`; a request with neither does not.
     fn authenticate(&self, headers: &HeaderMap, address: &str, route: &str) -> Result<Token, AccessDenied> {
         let presented = header_text(headers, AUTHORIZATION).map(bearer_token);
         let known = match self.valid_tokens() {
@@ -221,7 +228,8 @@ impl AccessControl {
         }
     }
 
-    /// Address of the client; behind a proxy on this computer, the last address in its `X-Forwarded-For` header.
+    /// IP address of the client. The last address in `X-Forwarded-For` replaces it only if proxy names are configured
+    /// and the connection comes from this computer.
     fn client_address(&self, request: &Request) -> String {
         let peer = request.extensions().get::<ConnectInfo<SocketAddr>>();
         let peer = peer.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |info| info.0.ip());
@@ -243,12 +251,13 @@ fn header_text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
     headers.get(name).and_then(|value| value.to_str().ok())
 }
 
+/// Token in the value of an `Authorization` header; `None` for another scheme than Bearer.
 fn bearer_token(authorization: &str) -> Option<&str> {
     let (scheme, token) = authorization.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-/// The values of the session cookies, valid or not.
+/// The values of the session cookies, valid or not; the first [`MAX_COOKIES_READ_PER_REQUEST`] of them.
 fn session_cookie_values(headers: &HeaderMap) -> Vec<String> {
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
     let cookies = cookies.flat_map(Cookie::split_parse).filter_map(Result::ok);

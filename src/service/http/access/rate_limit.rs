@@ -43,7 +43,7 @@ impl Default for RateLimits {
 }
 
 impl ClientRateLimit {
-    /// Counts an event of `client`.
+    /// Counts an event of `client`. An error: the event exceeds the limit.
     pub fn count_event(&self, client: &str) -> Result<(), RateLimitExceeded> {
         let Self(limiter) = self;
         if limiter.len() >= MAX_SEPARATELY_COUNTED_CLIENTS {

@@ -13,9 +13,10 @@ use serde::{Deserialize, Serialize};
 pub enum Role {
     /// May read, and may hold the machine.
     Viewer,
-    /// May start, acknowledge, resume and answer prompts.
+    /// May start, acknowledge, resume, answer prompts, report an armed cycle as due, and disarm cycles.
     Operator,
-    /// May sign results, arm scheduled cycles, and decide which values are written to the control.
+    /// May sign results, arm scheduled cycles, and decide which values are written to the control; may use every
+    /// other route.
     Metrologist,
 }
 
@@ -62,7 +63,8 @@ const MIN_ROLES_OF_CHANGING_ROUTES: [(&str, Role); 8] = [
     ("/api/v1/machines/{name}/disarm", Role::Operator),
 ];
 
-/// Minimum role for `route`. `is_read_only`: whether the request changes nothing.
+/// Minimum role for `route`. `is_read_only`: whether the request changes nothing; a viewer may make every such
+/// request.
 pub fn required_role(route: &str, is_read_only: bool) -> Role {
     if is_read_only {
         return Role::Viewer;

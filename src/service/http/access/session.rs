@@ -16,11 +16,13 @@ pub const SESSION_DURATION: Duration = Duration::from_secs(12 * 3600);
 const MAX_SESSIONS: usize = 64;
 
 struct Session {
+    /// SHA-256 of the random number that the browser keeps.
     number_sha256: String,
     token: Token,
     started: Instant,
 }
 
+/// Open sessions, oldest first, in memory only: the end of the daemon ends them.
 #[derive(Default)]
 pub struct Sessions(Mutex<Vec<Session>>);
 
@@ -46,6 +48,8 @@ impl Sessions {
         Ok(number)
     }
 
+    /// Token of the session `number`; `None` if the session is unknown or has expired. Whether the token is revoked
+    /// is not checked here.
     pub fn find_token(&self, number: &str) -> Option<Token> {
         let sha256 = sha256_text(number);
         let all = self.lock_and_remove_expired();

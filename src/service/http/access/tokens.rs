@@ -21,8 +21,10 @@ const MAX_TOKENS: usize = 1000;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Token {
+    /// Unique name of the device or person that uses the token; it is no secret.
     pub name: String,
     pub role: Role,
+    /// Time of creation.
     pub made: Timestamp,
     /// SHA-256 of the secret. The secret has 256 random bits, so that neither a salt nor a slow hash is needed.
     sha256: String,
@@ -31,6 +33,7 @@ pub struct Token {
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TokenFile {
+    /// Version of the file format: 1. Not checked on reading.
     trued_tokens: u32,
     tokens: Vec<Token>,
 }
@@ -68,6 +71,7 @@ impl TokenError {
 /// The file of the tokens, and its content when it was last read.
 pub struct TokenStore {
     file: StateFile,
+    /// Version of the file (`None`: no file) and its tokens at the last successful read.
     last_read_version_and_tokens: Mutex<(Option<FileVersion>, Vec<Token>)>,
 }
 
@@ -77,7 +81,8 @@ impl TokenStore {
         Self { file: StateFile::new(journal_folder, "tokens.json"), last_read_version_and_tokens: Mutex::default() }
     }
 
-    /// Returns the tokens that are in the file now.
+    /// Returns the tokens that are in the file now; the file is read only if it has changed. Without a file there are
+    /// none.
     ///
     /// # Errors
     /// The file exists and cannot be read.

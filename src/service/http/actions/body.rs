@@ -24,7 +24,7 @@ pub fn truncate_reason(why: &str) -> String {
 #[derive(Default)]
 pub struct JsonOrFormBody<T> {
     pub body: T,
-    /// Whether the page's form sent the request, so that the response is a page.
+    /// Whether the body is not JSON: the page's form sent the request, so that the response is a page.
     pub is_form: bool,
 }
 

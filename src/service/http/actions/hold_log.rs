@@ -12,7 +12,7 @@ use crate::service::lock;
 use crate::service::worker_command::HoldEffect;
 use crate::store::AuditEntry;
 
-/// Time over which the holds without their own line are counted.
+/// Time over which the holds without their own line are counted, from the first of them.
 const HOLD_COUNT_PERIOD: Duration = Duration::from_secs(10);
 /// Time within which all holds of one run share one line.
 const SAME_RUN_HOLD_WINDOW: Duration = Duration::from_secs(1);
@@ -24,10 +24,11 @@ type ClientAndMachine = (String, String);
 struct HoldLogState {
     /// By machine: number of the last run whose hold has a line, and the time of that hold.
     last_logged_hold_by_machine: BTreeMap<String, (i64, Instant)>,
-    /// Number of holds that have no audit line yet.
+    /// Number of holds that have no audit line yet, by client and machine.
     unlogged_hold_counts: BTreeMap<ClientAndMachine, u64>,
 }
 
+/// Decides which holds get their own line in the audit log; all requests share one instance.
 #[derive(Clone, Default)]
 pub struct HoldLog(Arc<Mutex<HoldLogState>>);
 
@@ -52,15 +53,18 @@ impl HoldLog {
         *count == 1
     }
 
+    /// Returns the count and resets it to 0.
     fn take_unlogged_count(&self, key: &ClientAndMachine) -> u64 {
         lock(&self.0).unlogged_hold_counts.remove(key).unwrap_or(0)
     }
 }
 
-/// Whether the hold `audit` gets its own line; otherwise it is counted.
+/// Whether the hold `audit` gets its own line; otherwise it is counted, and a task writes one line with the count
+/// after [`HOLD_COUNT_PERIOD`].
 pub fn gets_own_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, effect: HoldEffect) -> bool {
     let run = (effect == HoldEffect::RunHeld).then_some(audit.run);
-    if app.hold_log.is_first_hold_of_run(&audit.machine, run, Instant::now()) || !caller.counts_hold_beyond_log_rate() {
+    if app.hold_log.is_first_hold_of_run(&audit.machine, run, Instant::now()) || !caller.count_hold_and_check_log_rate()
+    {
         return true;
     }
     let key = (caller.rate_limit_key.clone(), audit.machine.clone());

@@ -35,7 +35,8 @@ use crate::store::AuditEntry;
 
 /// Maximum time to receive the body of a hold, after the machine is held.
 const HOLD_BODY_TIMEOUT: Duration = Duration::from_secs(2);
-/// Maximum time to wait until an acknowledgement is in the journal or refused.
+/// Maximum time to wait until an acknowledgement, also that of a resume, is in the journal or refused. After that,
+/// the response and the audit log report it as accepted.
 const ACKNOWLEDGEMENT_TIMEOUT: Duration = Duration::from_secs(5);
 
 pub fn action_routes() -> OpenApiRouter<AppState> {
@@ -89,7 +90,7 @@ struct AcknowledgeRequest {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct AnswerRequest {
-    /// Step of the prompt; `repeat` is its pass.
+    /// Step number of the open prompt; `repeat` is its repeat number, from 0.
     step: u32,
     #[serde(default)]
     repeat: u32,
@@ -106,8 +107,8 @@ async fn start_cycle(action: ActionRequest<StartRequest>) -> Result<Response, Pr
     action.audit_and_respond(who, format!("start of cycle {cycle}"), why, accepted).await
 }
 
-/// Interlocks for a person's request: the person confirms all conditions, but a fresh report of the machine takes
-/// precedence.
+/// Interlocks for a person's request: the person confirms all conditions, but if the machine has a fresh report, all
+/// values of this report apply instead.
 fn interlocks_confirmed_by_person(machine: &ServedMachine) -> Interlocks {
     let confirmed = Interlocks {
         is_fresh: true,
@@ -121,6 +122,7 @@ fn interlocks_confirmed_by_person(machine: &ServedMachine) -> Interlocks {
     Interlocks { has_person_for_prompts: true, ..reported.unwrap_or(confirmed) }
 }
 
+/// Checks that the request confirms each interlock that `[serve]` demands, whatever the machine reports.
 fn check_interlocks_confirmed_by_person(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
     let missing = machine.gate.config.required_interlocks.iter().find_map(|demand| match demand {
         StartInterlock::Enable if !request.enable => Some("that the machine may move (`enable`)"),
@@ -199,7 +201,8 @@ async fn answer_prompt(action: ActionRequest<AnswerRequest>) -> Result<Response,
 }
 
 impl<T: Send + Sync + 'static> ActionRequest<T> {
-    /// Waits for the result and writes it to the audit log, even if the client has disconnected.
+    /// Waits for the worker's result, at most [`ACKNOWLEDGEMENT_TIMEOUT`], and writes it to the audit log, even if
+    /// the client has disconnected.
     async fn await_audit_and_respond(
         self,
         who: String,
@@ -235,6 +238,8 @@ impl<T: Send + Sync + 'static> ActionRequest<T> {
     }
 }
 
+/// Entry for a request to act on `machine`; its run is the one that the machine state has now. `accepted`: result of
+/// the request.
 pub(super) fn audit_entry(
     machine: &ServedMachine,
     who: String,

@@ -55,6 +55,7 @@ pub async fn sign_result(
     })
 }
 
+/// Stores the signature, then its entry in the audit log; returns the signature.
 async fn store_signature(
     app: AppState,
     run: RunId,

@@ -170,7 +170,7 @@ pub struct AuditSchema {
     what: String,
     why: String,
     machine: String,
-    /// Run in progress, 0 for none.
+    /// Run in progress, or the signed run; 0 for none.
     run: i64,
     outcome: String,
 }

@@ -18,7 +18,7 @@ const ENTRIES_PER_PAGE: usize = 50;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AuditPageQuery {
-    /// Only entries before the one with this number.
+    /// Only entries older than the one with this number; `None`: the newest entries.
     before: Option<i64>,
 }
 

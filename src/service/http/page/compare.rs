@@ -30,7 +30,7 @@ pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPai
     )
 }
 
-/// Row of a function, with the point of the largest E_n.
+/// Row of a function, with the point of the largest E_n; `None` for a function without points.
 fn function_difference_row(function: &FunctionDifference) -> Option<Value> {
     let worst = function.worst_point_index()?;
     let decimals = decimals_for_uncertainty(function.expanded[worst]);

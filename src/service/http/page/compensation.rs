@@ -74,7 +74,8 @@ pub async fn sheet_page(State(app): State<AppState>, Path(run): Path<i64>) -> Re
     Ok(Html(sheet.map_err(CompensationError::from)?.html))
 }
 
-/// Kinds of values of the machine whose last compensation `run` may verify: it is newer than the run of the compensation.
+/// Kinds of values of the machine whose last compensation `run` may verify; `run` must be newer than the run of that
+/// compensation.
 pub fn verifiable_targets(
     journal: &Journal,
     machine: &MachineFile,

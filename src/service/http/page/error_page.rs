@@ -12,6 +12,7 @@ use super::render_page;
 /// Maximum size of an error response, bytes.
 const MAX_ERROR_RESPONSE_BYTES: usize = 64 * 1024;
 
+/// The parts of an error response that the page shows.
 #[derive(Deserialize)]
 struct ErrorText {
     message: String,

@@ -24,7 +24,7 @@ use crate::service::schedule_state::load_agenda;
 use crate::store::{FinishedRunResult, Journal, RunFilter, RunId, StoredRun};
 use machine::record::estimate::Verdict;
 
-/// Number of runs on a machine's page.
+/// Maximum number of runs on a machine's page.
 const MAX_SHOWN_RUNS: usize = 10;
 
 pub async fn machine_page(State(app): State<AppState>, machine: ServedMachine) -> Result<Html<String>, Problem> {
@@ -80,6 +80,7 @@ fn run_rows_and_resume_values(
     Ok((runs.iter().map(row).collect(), waits.as_ref().map(resume_values)))
 }
 
+/// Template values of the form that resumes the run `stored`.
 fn resume_values(stored: &StoredRun) -> Value {
     let asked = resume_question(stored);
     context! {
@@ -90,6 +91,8 @@ fn resume_values(stored: &StoredRun) -> Value {
     }
 }
 
+/// Template values of the machine's current state. The parameters are those of the newest result, and only while it
+/// is valid and the machine neither measures nor is held.
 pub fn status_values(machine: &ServedMachine) -> Value {
     let mut status = MachineStatus::from_machine(machine);
     // The page shows the parameters of the newest result instead.
@@ -120,7 +123,8 @@ pub fn status_values(machine: &ServedMachine) -> Value {
     }
 }
 
-/// Sentences for the banner: the results that have not passed, or the one that is nearest to its limit.
+/// Sentences for the banner: the results that have not passed, or the one that is nearest to its limit. `rows` must
+/// have the results that are farthest from passing first.
 fn worst_sentences(rows: &[&ResultRow]) -> Vec<String> {
     let judged: Vec<&&ResultRow> = rows.iter().filter(|row| row.verdict.is_some()).collect();
     let failed = judged.iter().filter(|row| row.verdict != Some(Verdict::Pass)).count();
@@ -161,6 +165,7 @@ pub fn verdict_class_and_text(verdict: Verdict) -> (&'static str, &'static str) 
     (verdict_class(verdict), text)
 }
 
+/// Field name and text of the check box with which a person confirms the interlock.
 fn confirmation_values(interlock: &StartInterlock) -> Value {
     let (name, words) = match interlock {
         StartInterlock::Enable => ("enable", "the machine may move; the probe or sensor is fitted and undamaged"),

@@ -126,7 +126,8 @@ fn overview_values(app: &AppState) -> Value {
     context! { machines, now => format_local_time(Timestamp::now()) }
 }
 
-/// Row of `run` in a list. When a run is resumed, the machine state shows `running` earlier than the journal.
+/// Row of `run` in a list; `machine`: the machine of the run, if it is served. When a run is resumed, the machine
+/// state shows `running` earlier than the journal.
 fn row_of_run_on(machine: Option<&ServedMachine>, run: &RunSummary) -> Value {
     let in_progress = machine.map(|machine| machine.gate.machine_state());
     let is_in_progress =

@@ -24,7 +24,8 @@ struct Rendering {
 }
 
 impl RenderingCache {
-    /// Returns the text for the machine state after `change_count` changes. Concurrent callers share one rendering.
+    /// Returns the text for the machine state after `change_count` changes, at most [`MAX_RENDERING_AGE`] old.
+    /// Concurrent callers share one rendering.
     pub async fn get_or_render(
         &self,
         change_count: u64,

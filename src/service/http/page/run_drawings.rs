@@ -17,10 +17,11 @@ use machine::{Axis, Position, frame::Point};
 const VIEW_NAMES_AND_UP_INDEXES: [(&str, usize); 2] = [("from above", 1), ("from the side", 2)];
 /// Radius of a mark, as a fraction of the picture's width.
 const MARK_RADIUS_PER_PICTURE_WIDTH: f64 = 1.0 / 70.0;
-/// Margin on each side, as a fraction of the extent of the drawing.
+/// Margin on each side, as a fraction of the largest extent of the drawing.
 const MARGIN_PER_EXTENT: f64 = 0.08;
 
-/// Views of `run`; `None` if its number is 0: no run has begun.
+/// Views of `run`; `None` if its number is 0, that is, no run has begun, or if the kinematics of its plan are
+/// invalid.
 pub fn views_of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
     match run.0 {
         0 => Ok(None),
@@ -28,9 +29,11 @@ pub fn views_of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Prob
     }
 }
 
+/// Mark of one step in the views.
 struct StepMark {
-    /// CSS class: `done`, `now` or `next`.
+    /// CSS class: `now` for the next step without a reading, `done` for a step with one, otherwise `next`.
     css_class: &'static str,
+    /// Path of a scan; for a touch one point, the start of its probing motion. Table frame, mm.
     path_in_table_mm: Vec<Vector3<f64>>,
 }
 
@@ -47,7 +50,7 @@ fn progress_views(progress: &RunProgress) -> Option<Value> {
     })
 }
 
-/// Marks of all steps; stages that are not planned yet have none.
+/// Marks of all steps except prompts, the current step last; stages that are not planned yet have none.
 fn step_marks(progress: &RunProgress) -> Option<Vec<StepMark>> {
     let RunProgress { plan, stored_steps_and_repeats: stored_readings, .. } = progress;
     let chain = KinematicChain::new(&plan.machine).ok()?;
@@ -72,8 +75,9 @@ fn current_step(progress: &RunProgress) -> Option<&Step> {
     progress.plan.steps.iter().find(|step| step.id == current)
 }
 
-/// Deviation of the last touch from the nominal surface of the artefact, outward, mm; `None` for a scan. It contains
-/// the position errors of the artefact and of the axes.
+/// Deviation of the last touch from the nominal surface of the nearest touchable body of the artefact, outward
+/// positive, mm; `None` for a scan or without a reading. It contains the position errors of the artefact and of the
+/// axes.
 fn last_deviation_mm(progress: &RunProgress) -> Option<f64> {
     let RunProgress { plan, last_reading, .. } = progress;
     let touch = last_reading.as_ref().filter(|reading| reading.value_mm.is_none())?;
@@ -101,8 +105,8 @@ fn motion_steps(plan: &Plan) -> impl Iterator<Item = &Step> {
     plan.steps.iter().filter(|step| step.kind != StepKind::Prompt)
 }
 
-/// Next step without a reading. After a stop the reference checks are the last stage, and the stage before it
-/// continues after them.
+/// Number of the next step without a reading. After a stop the reference checks are the last stage, and the stage
+/// before it continues after them.
 fn next_step_without_reading(
     RunProgress { plan, stages, stored_steps_and_repeats: stored_readings, .. }: &RunProgress,
 ) -> Option<u32> {
@@ -112,7 +116,8 @@ fn next_step_without_reading(
     stages.iter().rev().find_map(|stage| stage.steps.iter().copied().find(|step| is_open(*step, stage.repeat)))
 }
 
-/// Path of the stylus ball, or of the zero point of a sensor in the spindle, table frame, mm.
+/// Path of the stylus ball, or of the zero point of a sensor in the spindle, table frame, mm; for a touch only its
+/// start.
 fn step_path_in_table_mm(plan: &Plan, chain: &KinematicChain, step: &Step) -> Vec<Vector3<f64>> {
     let mut in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
     let sensor = in_spindle.find(|sensor| sensor.name == step.first_sensor());
@@ -124,7 +129,7 @@ fn step_path_in_table_mm(plan: &Plan, chain: &KinematicChain, step: &Step) -> Ve
     }
 }
 
-/// Lower and upper bounds of the drawing along each axis, mm.
+/// Lower and upper bounds of the bodies and the paths along each axis of the table frame, mm.
 fn drawing_bounds(marks: &[StepMark], bodies: &[BodyShape]) -> [Vector3<f64>; 2] {
     let reach = |body: &BodyShape, sign: f64| {
         Vector3::from(Axis::LINEAR.map(|axis| sign * body.max_extent_along(sign * axis.nominal_direction())))

@@ -9,7 +9,7 @@ use crate::service::machine_state::PlannedSchedule;
 use crate::service::schedule_state::Agenda;
 use crate::store::{Arming, ScheduleSlot};
 
-/// Number of slots whose outcome is shown.
+/// Maximum number of slots whose outcome is shown.
 const MAX_SHOWN_SLOTS: usize = 5;
 
 /// Template values of the schedule's panel; `None` if the machine has no schedule.
@@ -26,6 +26,7 @@ pub fn schedule_values(agenda: &Agenda) -> Option<Value> {
     })
 }
 
+/// Template values of one schedule; `armed`: the valid arming of its cycle.
 fn planned_schedule_values(planned: &PlannedSchedule, armed: Option<&Arming>) -> Value {
     context! {
         next => planned.next.first().map(|at| at.strftime("%A, %-d %B, %H:%M %Z").to_string()),

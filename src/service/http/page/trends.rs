@@ -8,9 +8,10 @@ use crate::report::result_row::format_plus_minus_limit;
 use machine::record::reading::Temperatures;
 use methods::named_symbol::named_symbol;
 
-/// Number of days over which changes are reported.
+/// Number of past days whose changes of the values are reported.
 const CHANGE_REPORT_DAYS: u32 = 7;
 
+/// Template values of the series of one method.
 pub fn trend_values(series: &[ParameterSeries]) -> Value {
     let rows = series.iter().filter_map(|series| {
         let newest = series.values.last()?;

@@ -21,13 +21,14 @@ const IDLE_CONNECTION_TIMEOUT: Duration = Duration::from_secs(30);
 /// off leaves a connection that is never closed.
 const MIN_QUIET_TIME_TO_REPLACE: Duration = Duration::from_secs(2);
 
-/// The limited set of connections.
+/// The limited set of connections; `capacity`: their maximum number.
 pub struct ConnectionSlots {
     capacity: usize,
     occupied: Mutex<Vec<ConnectionSlot>>,
 }
 
 struct ConnectionSlot {
+    /// Time of the last received byte, or of the admission.
     last_received: Arc<Mutex<Instant>>,
     /// Dropping this sender requests the end of the connection; its receiver is dropped when the connection has ended.
     close_request: oneshot::Sender<()>,
@@ -39,7 +40,7 @@ impl ConnectionSlots {
     }
 
     /// Returns a slot for `stream`. If all are occupied, the connection that has been quiet longest is replaced.
-    /// `None`: no connection was quiet.
+    /// `None`: all are occupied, and none has been quiet for [`MIN_QUIET_TIME_TO_REPLACE`].
     pub fn admit(&self, stream: TcpStream) -> Option<GuardedStream> {
         let mut occupied = lock(&self.occupied);
         occupied.retain(|slot| !slot.close_request.is_closed());
@@ -64,22 +65,28 @@ impl ConnectionSlots {
     }
 }
 
+/// Stream of an admitted connection. Its reads and writes fail when the connection is idle for too long, is replaced,
+/// or has received a request at which the Modbus library would panic.
 pub struct GuardedStream {
     stream: TcpStream,
     idle_timer: Pin<Box<Sleep>>,
     last_received: Arc<Mutex<Instant>>,
+    /// Ready when the connection must be closed; `None` once that has been reported.
     close_receiver: Option<oneshot::Receiver<()>>,
     request_frame: RequestFrame,
 }
 
-/// Head of the incoming request, as far as it is received.
+/// Head of the incoming Modbus TCP request, as far as it is received; empty again after each complete request.
 #[derive(Default)]
 struct RequestFrame {
+    /// First bytes of the request, up to the byte count of a write of several coils.
     first_bytes: Vec<u8>,
+    /// Number of bytes of the request that have been received.
     received_byte_count: usize,
 }
 
 impl RequestFrame {
+    /// Index, from 0, of the byte count in the frame of a write of several coils.
     const BYTE_COUNT_INDEX: usize = 12;
     const WRITE_MULTIPLE_COILS_FUNCTION: u8 = 15;
 

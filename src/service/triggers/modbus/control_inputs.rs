@@ -18,20 +18,25 @@ const DEBOUNCE_TIME: Duration = Duration::from_millis(50);
 pub enum CoilCommand {
     /// Start of the cycle with this number.
     StartCycleNumber(u16),
-    /// More than one start in one write.
+    /// Start of more than one cycle in one write; refused.
     SeveralStarts,
-    StopCycle,
+    /// Hold of the machine; without effect if no cycle is running or about to begin.
+    HoldMachine,
+    /// Acknowledgement: a person has inspected the machine.
     Acknowledge,
 }
 
+/// Coils and `alive` register as the control wrote them last, with the times that debouncing and freshness need.
 #[derive(Debug)]
 pub struct ControlInputs {
+    /// Last written value of each coil, `false` before the first write.
     coils: [bool; COIL_COUNT],
     /// Time since which a coil is known to be low; `None`: it is high, or was never written.
     low_since: [Option<Instant>; COIL_COUNT],
     alive_register: u16,
     /// Times of the last two changes of `alive`, newest first.
     last_alive_changes: [Option<Instant>; 2],
+    /// Maximum time between two changes of `alive`, and since the last one, inclusive.
     alive_timeout: Duration,
 }
 
@@ -50,6 +55,7 @@ impl ControlInputs {
         self.alive_register
     }
 
+    /// Writes the `alive` register; only a changed value counts as a sign of life.
     pub fn write_alive(&mut self, value: u16, now: Instant) {
         if value != self.alive_register {
             self.alive_register = value;
@@ -57,7 +63,8 @@ impl ControlInputs {
         }
     }
 
-    /// Writes `values` from coil `first` on; they must fit. Returns the commands in the order of execution.
+    /// Writes `values` from coil `first` on; they must fit. Returns the commands of the rising edges in the order of
+    /// execution: stop, acknowledge, start.
     pub fn write_coils(&mut self, first: usize, values: &[bool], now: Instant) -> Vec<CoilCommand> {
         let mut rises = Vec::new();
         let coils = self.coils.iter_mut().zip(self.low_since.iter_mut()).enumerate().skip(first);
@@ -75,7 +82,7 @@ impl ControlInputs {
     }
 
     /// Interlocks of the control. They are fresh after two changes of `alive`, each in time, so that a control that
-    /// reconnects does not start a cycle with old values.
+    /// reconnects does not start a cycle with old values. While they are not fresh, all of them are `false`.
     pub fn interlocks(&self, now: Instant) -> Interlocks {
         let [Some(last), Some(before)] = self.last_alive_changes else { return Interlocks::default() };
         let in_time = |from: Instant, to: Instant| to.duration_since(from) <= self.alive_timeout;
@@ -92,7 +99,8 @@ impl ControlInputs {
         }
     }
 
-    /// Interlocks as by [`Self::interlocks`], and the further conditions of a schedule.
+    /// Interlocks as by [`Self::interlocks`], and the further conditions of a schedule: the last written coils, also
+    /// while the interlocks are not fresh.
     pub fn readiness(&self, now: Instant) -> Readiness {
         Readiness {
             interlocks: self.interlocks(now),
@@ -116,7 +124,7 @@ fn commands_of_rising_edges(risen_coils: &[u16]) -> Vec<CoilCommand> {
     debug_assert!(starts.iter().all(|k| *k <= MAX_CYCLES));
     let mut commands = Vec::new();
     if risen_coils.contains(&STOP_COIL) {
-        commands.push(CoilCommand::StopCycle);
+        commands.push(CoilCommand::HoldMachine);
     }
     if risen_coils.contains(&ACKNOWLEDGE_COIL) {
         commands.push(CoilCommand::Acknowledge);
@@ -160,7 +168,7 @@ mod tests {
     fn stop_acts_at_once_and_two_start_coils_are_ambiguous() {
         let t = Instant::now();
         let mut inputs = ControlInputs::new(Duration::from_secs(1));
-        assert_eq!(inputs.write_coils(3, &[true], t), [CoilCommand::StopCycle]);
+        assert_eq!(inputs.write_coils(3, &[true], t), [CoilCommand::HoldMachine]);
         assert_eq!(inputs.write_coils(0, &[false; COIL_COUNT], instant_after_ms(t, 10)), []);
         let mut both = [false; COIL_COUNT];
         (both[11], both[18], both[4]) = (true, true, true);

@@ -26,7 +26,7 @@ use crate::service::machine_state::Refusal;
 use crate::service::worker_command::Inspection;
 use crate::service::{Log, ServeError, lock, spawn_thread};
 
-/// Period with which the counter in the heartbeat register is incremented.
+/// Period with which the counter in the heartbeat register is incremented, also while the worker hangs.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(250);
 /// Maximum number of connections.
 const MAX_CONNECTIONS: usize = 16;
@@ -34,6 +34,7 @@ const MAX_CONNECTIONS: usize = 16;
 const LISTEN_RETRY_PAUSE: Duration = Duration::from_millis(100);
 /// Maximum number of registers in one request, by the protocol.
 const MAX_REGISTERS_PER_REQUEST: u16 = 125;
+/// Maximum number of coils in one request, by the protocol.
 const MAX_COILS_PER_REQUEST: u16 = 2000;
 
 /// Starts the daemon's own Modbus TCP server on its own thread.
@@ -77,16 +78,18 @@ fn run_modbus_server(listener: std::net::TcpListener, filter: &ConnectionFilter)
     })
 }
 
+/// Decides which connections are served.
 struct ConnectionFilter {
     allowed_addresses: Arc<[IpAddr]>,
     slots: ConnectionSlots,
     server_state: Arc<ModbusServerState>,
     log: Log,
-    /// The last refused address: it is logged only once.
+    /// The last refused address: it is logged again only after another address was refused.
     last_refused_address: Mutex<Option<IpAddr>>,
 }
 
 impl ConnectionFilter {
+    /// `None`: the address is not allowed, or no connection slot is free.
     fn accept(&self, stream: TcpStream, from: SocketAddr) -> Option<(ModbusConnectionHandler, GuardedStream)> {
         let by = from.ip().to_canonical();
         if !self.allowed_addresses.contains(&by) {
@@ -108,6 +111,7 @@ impl ConnectionFilter {
     }
 }
 
+/// State that all connections of the server share.
 struct ModbusServerState {
     gate: CommandGate,
     inputs: Arc<Mutex<ControlInputs>>,
@@ -121,6 +125,8 @@ impl ModbusServerState {
         register_map::input_registers(&self.gate.machine_state(), interlocks, beats as u16)
     }
 
+    /// Writes the coils and executes the commands of their rising edges. A refused command is no exception: its
+    /// reason is in the input registers.
     fn write_coils_and_execute(&self, first: u16, values: &[bool], by: &str) -> Result<(), ExceptionCode> {
         let range = checked_address_range(first, values.len() as u16, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
         let now = Instant::now();
@@ -133,7 +139,7 @@ impl ModbusServerState {
                 // The reason of a refusal is in the machine state.
                 CoilCommand::StartCycleNumber(cycle) => drop(self.gate.start_cycle(cycle, interlocks, by)),
                 CoilCommand::SeveralStarts => self.gate.record_refusal(Refusal::Several, &format!("request of {by}")),
-                CoilCommand::StopCycle => drop(self.gate.hold_machine(by)),
+                CoilCommand::HoldMachine => drop(self.gate.hold_machine(by)),
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Acknowledge => {
                     drop(self.gate.acknowledge(Inspection { who: by, ..Inspection::default() }));
@@ -143,6 +149,7 @@ impl ModbusServerState {
         Ok(())
     }
 
+    /// Writes the only holding register, `alive`.
     fn write_registers(&self, first: u16, values: &[u16]) -> Result<(), ExceptionCode> {
         checked_address_range(first, values.len() as u16, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
         if let [alive] = values {
@@ -152,7 +159,8 @@ impl ModbusServerState {
     }
 }
 
-/// Indexes of `count` registers or coils from `first` on, out of `size`; at most `max_count` in one request.
+/// Indexes of `count` registers or coils from `first` on, out of `size`; at least one and at most `max_count` in one
+/// request.
 fn checked_address_range(first: u16, count: u16, max_count: u16, size: usize) -> Result<Range<usize>, ExceptionCode> {
     if count == 0 || count > max_count {
         return Err(ExceptionCode::IllegalDataValue);

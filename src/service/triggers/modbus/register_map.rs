@@ -6,19 +6,28 @@ use crate::service::machine_state::{Interlocks, MachineState};
 use machine::record::estimate::{Parameter, Unit, Verdict};
 
 // Coils: the control writes them; a read returns the value that the control wrote last.
+/// 1: the external start is enabled at the machine.
 pub const START_ENABLED_COIL: u16 = 0;
+/// 1: the control is in automatic mode.
 pub const AUTO_MODE_COIL: u16 = 1;
 /// 1: the guards are closed.
 pub const DOOR_CLOSED_COIL: u16 = 2;
+/// Rising edge: the machine is held. While the coil is 1, nothing is started or resumed.
 pub const STOP_COIL: u16 = 3;
+/// Rising edge: a person has inspected the held or failed machine.
 pub const ACKNOWLEDGE_COIL: u16 = 4;
 // Conditions of an unattended cycle: see docs/schedule.md.
+/// 1: the probe is in the spindle and works.
 pub const PROBE_READY_COIL: u16 = 5;
+/// 1: the artefact is at the position of the machine file.
 pub const ARTEFACT_IN_PLACE_COIL: u16 = 6;
+/// 1: the machine and its surroundings are at the agreed temperature.
 pub const TEMPERATURE_IN_RANGE_COIL: u16 = 7;
+/// 1: the control executes no program.
 pub const CONTROL_IDLE_COIL: u16 = 8;
-/// Cycle `k` is started by coil `START_COIL_BASE + k`.
+/// A rising edge of coil `START_COIL_BASE + k` starts cycle `k`, from 1; coil 10 itself is unused.
 pub const START_COIL_BASE: u16 = 10;
+/// Number of coil addresses from 0, with the unused 9 and 10.
 pub const COIL_COUNT: usize = (START_COIL_BASE + MAX_CYCLES + 1) as usize;
 
 /// The only holding register; the control changes it continuously as a sign of life.
@@ -26,25 +35,35 @@ pub const ALIVE_REGISTER: u16 = 0;
 pub const HOLDING_REGISTER_COUNT: usize = 1;
 
 // Input registers: state of the machine.
+/// Counter that advances four times a second and wraps around.
 const HEARTBEAT_REGISTER: usize = 0;
+/// Number of the [`ServiceState`](crate::service::machine_state::ServiceState).
 const STATE_REGISTER: usize = 1;
 const PROGRESS_PERCENT_REGISTER: usize = 2;
+/// Code of the verdict; 0: none yet.
 const VERDICT_REGISTER: usize = 3;
+/// Number of the cycle that is running or ran last.
 const CYCLE_REGISTER: usize = 4;
-/// First of two registers, high word first.
+/// Number of the run; first of two registers, high word first.
 const RUN_REGISTER: usize = 5;
+/// Number of accepted starts since the service began, without resumes.
 const ACCEPTED_START_COUNT_REGISTER: usize = 7;
+/// Number of refused requests of all clients since the service began.
 const REFUSAL_COUNT_REGISTER: usize = 8;
+/// Number of the last [`Refusal`](crate::service::machine_state::Refusal); 0: none.
 const LAST_REFUSAL_REGISTER: usize = 9;
+/// Bit mask of the interlocks that the control has written: 1 fresh, 2 enable, 4 auto, 8 door, 16 stop.
 const INTERLOCKS_REGISTER: usize = 10;
 /// First of three registers: major, minor and patch version of the program.
 const PROGRAM_VERSION_REGISTER: usize = 11;
 const MAP_VERSION_REGISTER: usize = 14;
+/// Number of deviations that are present from [`FIRST_DEVIATION_REGISTER`] on.
 const DEVIATION_COUNT_REGISTER: usize = 15;
+/// First register of the first deviation, that is, of a parameter of the last estimate.
 const FIRST_DEVIATION_REGISTER: usize = 100;
 /// Number of registers of a deviation.
 const REGISTERS_PER_DEVIATION: usize = 10;
-/// Maximum number of deviations, so that all fit into one request.
+/// Maximum number of deviations, so that all fit into one request; further parameters are left out.
 const MAX_DEVIATIONS: usize = 12;
 pub const INPUT_REGISTER_COUNT: usize = FIRST_DEVIATION_REGISTER + MAX_DEVIATIONS * REGISTERS_PER_DEVIATION;
 /// Version of this register map.
@@ -80,7 +99,7 @@ pub const COIL_AND_REGISTER_TABLE: [(&str, usize, &str); 25] = [
     ("input", DEVIATION_COUNT_REGISTER, "count"),
 ];
 
-/// Values of all input registers at one instant.
+/// Values of all input registers at one instant. `heartbeat`: the counter of the server.
 pub fn input_registers(
     machine_state: &MachineState,
     interlocks: Interlocks,
@@ -140,8 +159,8 @@ fn program_version_registers() -> [u16; 3] {
         .map(|part| part.parse().unwrap_or(0))
 }
 
-/// Registers of one parameter: symbol (eight characters), unit, value and expanded uncertainty in thousandths of the
-/// unit, and whether the parameter is identifiable.
+/// Registers of one parameter: symbol (its first eight bytes), unit, value and expanded uncertainty in thousandths of
+/// the unit, and whether the parameter is identifiable.
 fn deviation_registers(parameter: &Parameter) -> [u16; REGISTERS_PER_DEVIATION] {
     let unit = match parameter.unit {
         Unit::Um => 1,

@@ -8,11 +8,13 @@ use super::{ALARM_HARD_LIMIT, ALARM_SOFT_LIMIT, AlarmLock, Firmware};
 use crate::interpreter::ProbeInputFault;
 
 const ALARM_E_STOP: u8 = 10;
+/// Alarm of Grbl: reset while in motion.
 const DEFAULT_ALARM_CODE: u8 = 3;
 /// Grbl's error code for settings that were lost and replaced by defaults.
 const ERROR_SETTINGS_LOST: u8 = 7;
 
-/// One fault. It occurs once, at the first line at which both conditions hold.
+/// One fault. It is triggered once, at the first line at which both conditions hold; one line triggers one fault at
+/// most.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
@@ -23,32 +25,38 @@ pub struct Fault {
     /// Minimum number of contacts before the fault occurs.
     #[serde(default)]
     pub after_touch: u64,
-    /// Code of an alarm or an error; `None`: the default code of the kind.
+    /// Code of `Alarm` or `Error`; `None`: alarm 3, or error 7.
     pub code: Option<u8>,
 }
 
+/// Kind of a fault; "the line" is the received line at which the fault is triggered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
-    /// The control hangs: it neither reads, moves nor answers any more.
+    /// The control hangs until a soft reset: it reads no line and sends nothing. Motion that was accepted before
+    /// continues.
     Silence,
-    /// The control restarts: it loses its state and sends the banner.
+    /// The control executes a soft reset: it loses the line and its state, and sends the banner; in motion also an
+    /// alarm.
     #[serde(rename = "reset")]
     Restart,
-    /// The control sends the banner and does not restart.
+    /// The control sends the banner, does not restart, and executes the line.
     #[serde(rename = "banner")]
     BannerWithoutRestart,
     /// A line is lost: it is neither executed nor answered.
     #[serde(rename = "unanswered")]
     LostLine,
-    /// A line is executed, but its answer is lost.
+    /// A line is executed, but the next `ok` is not sent.
     #[serde(rename = "lost-ok")]
     LostAnswer,
+    /// The next `ok` is sent twice.
     DoubleOk,
     /// Bytes that are not text precede the answer.
     Garbage,
-    /// An alarm instead of the execution of the line.
+    /// An alarm instead of the execution of the line. Codes 1, 2 and 10 need a soft reset; after others the line is
+    /// answered by `ok`.
     Alarm,
+    /// An error instead of the execution of the line.
     Error,
     /// The probe reads closed from now on.
     ProbeStuck,
@@ -56,17 +64,20 @@ pub enum FaultKind {
     ProbeDead,
     /// The next probing move meets an obstacle after two fifths of its path.
     ForeignBody,
-    /// The stylus is brushed during the next rapid or turn: the probe reads closed for a while.
+    /// The stylus is brushed during the next rapid or turn: the probe reads closed in the next two status reports.
     RapidContact,
+    /// A soft-limit alarm instead of the execution of the line.
     SoftLimit,
-    /// A person presses feed hold at the machine, or opens the door.
+    /// A person presses feed hold at the machine just after the line is accepted.
     #[serde(rename = "hold")]
     PersonHolds,
+    /// A person opens the door just after the line is accepted: a feed hold that is reported as `Door:1`.
     Door,
+    /// Alarm 10 instead of the execution of the line; only a soft reset unlocks.
     EStop,
 }
 
-/// How often the next answer is sent.
+/// How often the next `ok` is sent; errors are not affected.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum AnswerCount {
     #[default]
@@ -116,7 +127,7 @@ impl Firmware {
                 }
             }
             kind => {
-                self.set_fault_state(kind);
+                self.apply_fault_before_line(kind);
                 self.execute_line(line);
                 if matches!(kind, FaultKind::PersonHolds | FaultKind::Door) {
                     self.hold();
@@ -130,7 +141,7 @@ impl Firmware {
     }
 
     /// Applies a fault that does not depend on the content of the line.
-    fn set_fault_state(&mut self, kind: FaultKind) {
+    fn apply_fault_before_line(&mut self, kind: FaultKind) {
         match kind {
             FaultKind::BannerWithoutRestart => self.send_banner(),
             FaultKind::LostAnswer => self.next_answer_count = AnswerCount::Never,
@@ -144,12 +155,13 @@ impl Firmware {
         }
     }
 
+    /// Adds the fault to those that have occurred.
     pub(super) fn record_fault(&mut self, kind: FaultKind) {
         // A list stays consistent if another thread panics.
         self.occurred_faults.lock().unwrap_or_else(PoisonError::into_inner).push(kind);
     }
 
-    /// Raises a spontaneous alarm; the line is not executed.
+    /// Raises a spontaneous alarm; the line is not executed, and is answered only if the alarm needs no reset.
     fn raise_spontaneous_alarm(&mut self, code: u8) {
         let needs_reset = matches!(code, ALARM_HARD_LIMIT | ALARM_SOFT_LIMIT | ALARM_E_STOP);
         self.raise_alarm(code, if needs_reset { AlarmLock::NeedsReset } else { AlarmLock::Unlockable });

@@ -8,12 +8,15 @@ use machine::Position;
 /// The result of a probing move.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LastProbeResult {
+    /// Latched position of the contact; without a contact, the displayed position at the end of the move.
     position: Position,
     has_contact: bool,
+    /// Simulated time of the latch, s; `None`: no contact.
     contact_time_s: Option<f64>,
 }
 
 impl Firmware {
+    /// Starts the next job of the queue. A probing move whose probe is closed already raises an alarm instead.
     pub(super) fn start_next_job(&mut self) {
         let Some(job) = self.job_queue.pop_front() else { return };
         if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
@@ -25,6 +28,7 @@ impl Firmware {
         }
     }
 
+    /// Ends the active job, and sends its result and the answer that waits for it.
     pub(super) fn finish_active_job(&mut self) {
         let Some((job, result)) = self.executor.finish_job() else { return };
         match result {
@@ -42,6 +46,8 @@ impl Firmware {
         }
     }
 
+    /// Sends the result of a probing move, and an alarm before it if a miss must raise one; the alarm discards the
+    /// queue.
     fn report_probe_result(&mut self, contact: Option<LatchedContact>, alarms_on_miss: bool) {
         if contact.is_none() && alarms_on_miss {
             self.send_line(&format!("ALARM:{ALARM_NO_CONTACT}"));

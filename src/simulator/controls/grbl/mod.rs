@@ -50,8 +50,9 @@ pub struct SimulatedGrblOptions {
     pub pace: SimulationPace,
     /// Compatibility level: 0 (latches errors) if true, 10 (as Grbl 1.1) if false.
     pub is_compatibility_level_0: bool,
+    /// Whether status reports and contacts carry the simulated time: an extension of grblHAL.
     pub has_time_stamps: bool,
-    /// Stored settings, by number.
+    /// Values of the stored `$` settings, by number.
     pub settings_by_number: BTreeMap<u16, f64>,
     /// Overrides of feed and rapid speed, percent, as reported; they do not change the speed of motions.
     pub feed_and_rapid_override_percent: [u32; 2],
@@ -84,6 +85,7 @@ impl SimulatedGrblOptions {
     }
 }
 
+/// Input that unlocks the control after an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum AlarmLock {
     /// `$X` unlocks.
@@ -100,24 +102,34 @@ pub struct Firmware {
     executor: JobExecutor,
     /// Position of the machine after all queued motion.
     planned_position: Position,
+    /// Received bytes that are not yet taken as a line; realtime bytes never enter it.
     receive_buffer: VecDeque<u8>,
     send_buffer: Vec<u8>,
+    /// Accepted jobs that have not started.
     job_queue: VecDeque<Job>,
     /// Whether the answer to a line waits for the end of its job.
     is_answer_pending: bool,
+    /// Feed hold: no further job starts until `~` or a soft reset.
     is_held: bool,
     alarm_lock: Option<AlarmLock>,
+    /// Error that refuses all further G-code until an empty line, a `$` command or a soft reset; at compatibility
+    /// level 0 only.
     latched_error: Option<GrblErrorCode>,
+    /// Whether the banner of the first start has been sent.
     has_booted: bool,
+    /// Whether the control reports its axes as homed; motion does not depend on it.
     is_homed: bool,
+    /// Whether a status report has been sent since the start or the last soft reset.
     has_sent_status_report: bool,
     /// Result of the last probing move, for `$#`.
     last_probe: Option<LastProbeResult>,
     /// Number of lines received so far.
     received_line_count: u64,
+    /// Number of contacts since the control was built; a reset keeps it.
     contact_count: u64,
     occurred_faults: Arc<Mutex<Vec<FaultKind>>>,
     next_answer_count: AnswerCount,
+    /// [`FaultKind::Silence`]: no line is read and nothing is sent until a soft reset.
     is_hung: bool,
     is_door_open: bool,
     /// Host time at which the control started.
@@ -195,6 +207,8 @@ impl Firmware {
         }
     }
 
+    /// Removes the next complete line from the receive buffer. `None`: there is none, or the control accepts no line
+    /// now.
     fn take_next_line(&mut self) -> Option<String> {
         if self.is_answer_pending || self.is_hung || self.job_queue.len() >= PLANNER_BLOCK_COUNT {
             return None;
@@ -269,7 +283,7 @@ impl Firmware {
     /// Reports the alarm, discards all motion and locks the control.
     fn raise_alarm(&mut self, code: u8, lock: AlarmLock) {
         self.send_line(&format!("ALARM:{code}"));
-        self.stop_at_current_position();
+        self.discard_all_motion();
         self.alarm_lock = Some(lock);
     }
 
@@ -277,19 +291,21 @@ impl Firmware {
         !self.is_held && (self.executor.active_job.is_some() || !self.job_queue.is_empty())
     }
 
-    /// Discards all motion; the machine stays at its position.
-    fn stop_at_current_position(&mut self) {
+    /// Discards all motion. The machine stays at its position in the world, which contains the part already travelled
+    /// of the active job only if `hold` was called before.
+    fn discard_all_motion(&mut self) {
         self.executor.active_job = None;
         self.job_queue.clear();
         self.is_answer_pending = false;
         self.planned_position = self.executor.displayed_position();
     }
 
-    /// Soft reset (0x18). A reset during motion makes the position uncertain and raises an alarm.
+    /// Soft reset (0x18). A reset during motion makes the position uncertain and raises an alarm; otherwise an alarm
+    /// is cleared. The control is no longer homed.
     fn soft_reset(&mut self) {
         let moving = self.is_moving();
         self.hold();
-        self.stop_at_current_position();
+        self.discard_all_motion();
         self.receive_buffer.clear();
         self.is_held = false;
         self.is_door_open = false;

@@ -5,9 +5,11 @@ use super::{AlarmLock, FaultKind, Firmware, PLANNER_BLOCK_COUNT, RX_BUFFER_BYTES
 use crate::interpreter::GrblErrorCode;
 use machine::Position;
 
+/// Version that `$I` reports.
 const BUILD_VERSION: &str = "1.1f.20260817";
 
 impl Firmware {
+    /// Queues a line for the client; a hung control sends nothing.
     pub(super) fn send_line(&mut self, line: &str) {
         if self.is_hung {
             return;
@@ -16,6 +18,7 @@ impl Firmware {
         self.send_buffer.extend_from_slice(b"\r\n");
     }
 
+    /// Sends `ok`: not at all or twice if a fault requests it.
     pub(super) fn send_ok(&mut self) {
         match std::mem::take(&mut self.next_answer_count) {
             AnswerCount::Once => self.send_line("ok"),
@@ -40,6 +43,7 @@ impl Firmware {
         });
     }
 
+    /// Value of a `$` setting; 0 if it is not stored.
     fn setting_value(&self, number: u16) -> f64 {
         self.options.settings_by_number.get(&number).copied().unwrap_or_default()
     }
@@ -139,7 +143,7 @@ impl Firmware {
         }
     }
 
-    /// Bit mask of the homed axes.
+    /// Bit mask of the homed axes, bit 0 for the first axis of the reports.
     fn homed_axes_mask(&self) -> u32 {
         if self.is_homed { (1 << self.options.interpreter.axes.len()) - 1 } else { 0 }
     }
@@ -152,6 +156,7 @@ impl Firmware {
         self.send_line(&format!("[AXS:{count}:{letters}]"));
     }
 
+    /// Sends the answer to `$#`: work offsets, home position, tool length and the last probing move.
     fn send_offsets(&mut self) {
         for (name, offset) in self.options.interpreter.modal_state.named_offsets() {
             self.send_line(&format!("[{name}:{}]", self.format_axis_values(&offset)));

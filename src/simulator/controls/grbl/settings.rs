@@ -8,10 +8,13 @@ use machine::record::machine::Machine;
 
 pub(super) const REPORT_MASK_SETTING: u16 = 10;
 pub(super) const REPORT_INCHES_SETTING: u16 = 13;
-// Settings of the first axis; the numbers of the next axes follow.
+/// Number of the setting for steps per mm or degree of the first axis; the numbers of the next axes follow.
 const FIRST_STEPS_PER_UNIT_SETTING: u16 = 100;
+/// Number of the setting for the maximum rate, mm/min or deg/min, of the first axis; the next axes follow.
 const FIRST_MAX_RATE_SETTING: u16 = 110;
+/// Number of the setting for the acceleration, mm/s² or deg/s², of the first axis; the next axes follow.
 const FIRST_ACCELERATION_SETTING: u16 = 120;
+/// Number of the setting for the length of the travel, mm or degrees, of the first axis; the next axes follow.
 const FIRST_MAX_TRAVEL_SETTING: u16 = 130;
 
 /// First numbers of the settings for minimum and maximum of the travel, an extension: grblHAL cannot express a
@@ -20,9 +23,12 @@ const FIRST_MIN_AND_MAX_TRAVEL_SETTINGS: [u16; 2] = [9000, 9050];
 
 /// Bit of the report mask: reports contain the state of the inputs.
 pub(super) const REPORT_PINS_BIT: u32 = 1 << 4;
+/// Bit of the report mask: reports contain the overrides.
 pub(super) const REPORT_OVERRIDES_BIT: u32 = 1 << 6;
 
+/// Steps per mm, or per degree of a rotary axis.
 const MOTOR_STEPS_PER_UNIT: f64 = 1000.0;
+/// Distance from the homing switch after homing, which adds to the travel of an axis with a switch.
 const HOMING_PULL_OFF_MM: f64 = 1.0;
 /// Homing mask: homing enabled, the switch position is zero, and an axis without a switch is homed at its
 /// current position.
@@ -57,7 +63,8 @@ pub(super) fn machine_settings(machine: &Machine) -> BTreeMap<u16, f64> {
     settings
 }
 
-/// Setting as printed by `$$`: masks and counts as integers, other values with three decimals.
+/// Setting as printed by `$$`: three decimals for settings 11, 12, 24, 25, 27 and 100 to 199; the others, such as
+/// masks, counts and the travel limits of the extension, without rounding.
 pub(super) fn format_setting(number: u16, value: f64) -> String {
     match number {
         11 | 12 | 24 | 25 | 27 | 100..200 => format!("${number}={value:.3}"),

@@ -6,16 +6,23 @@ use super::layout::{
 use super::{ControlEvent, Firmware, OperatingState};
 use crate::crc16::crc16_modbus;
 
+/// Code of the error register: the length of the chunk is 0, exceeds the block, or does not fit its table.
 pub(super) const ERROR_BAD_LENGTH: u16 = 1;
 const ERROR_BAD_CRC: u16 = 2;
+/// A line is no UTF-8 or no valid G-code; same code as `ERROR_BAD_ROW`, which a resident program reports.
 pub(super) const ERROR_BAD_TEXT: u16 = 3;
+/// A row cannot be executed, or the table states another sequence number or number of touches.
 pub(super) const ERROR_BAD_ROW: u16 = 3;
+/// The previous chunk, or with a resident program the last result, is not acknowledged.
 const ERROR_NOT_ACKNOWLEDGED: u16 = 4;
+/// The client's heartbeat has not changed within the timeout.
 const ERROR_NO_HEARTBEAT: u16 = 5;
+/// The control is not ready, or still executes a chunk.
 const ERROR_BUSY: u16 = 6;
 
 impl Firmware {
-    /// Handles a write of the sequence register.
+    /// Handles a write of the sequence register. Only the number after the last checked one offers a new chunk;
+    /// others are ignored.
     pub(super) fn on_sequence_written(&mut self) {
         let sequence = self.holding_registers[SEQUENCE_REGISTER];
         self.record_event(ControlEvent::ChunkOffered { sequence });
@@ -34,7 +41,7 @@ impl Firmware {
         }
     }
 
-    /// Accepts lines to execute, or a table; returns the text for the event log.
+    /// Accepts lines to execute, or a table; returns the text for the event log, or the error code.
     fn accept_chunk(&mut self, sequence: u16, bytes: Vec<u8>) -> Result<String, u16> {
         if self.resident_program.is_some() {
             return self.start_program(sequence, &register_words(&bytes));
@@ -44,7 +51,8 @@ impl Firmware {
         Ok(text)
     }
 
-    /// Bytes of the chunk, or the error code for which it is refused.
+    /// Bytes of the chunk, or the error code for which it is refused. `previous_sequence`: last checked number before
+    /// it.
     fn acceptable_chunk_bytes(&self, previous_sequence: u16) -> Result<Vec<u8>, u16> {
         if self.operating_state != OperatingState::Ready || self.is_running() {
             return Err(ERROR_BUSY);

@@ -19,6 +19,7 @@ const DEFAULT_SCAN_PERIOD_S: f64 = 0.010;
 /// Time stamp of [`FaultKind::WrongStamp`], s: far beyond the clock of any control.
 pub(super) const WRONG_STAMP_S: f64 = 1e300;
 
+/// Largest write, in registers, that [`FaultKind::HalfWritten`] does not affect.
 const MAX_FULLY_WRITTEN_REGISTERS: usize = 8;
 /// First register of the latched position.
 const FIRST_LATCH_REGISTER: usize = 20;
@@ -28,7 +29,7 @@ const FIRST_LATCH_REGISTER: usize = 20;
 #[serde(deny_unknown_fields)]
 pub struct Fault {
     pub kind: FaultKind,
-    /// Earliest request, counted in the order of arrival.
+    /// Earliest request, counted from 1 in the order of arrival.
     #[serde(default)]
     pub at_request: u64,
     /// Minimum number of accepted chunks before the fault occurs.
@@ -37,7 +38,7 @@ pub struct Fault {
     /// Minimum number of contacts before the fault occurs.
     #[serde(default)]
     pub after_touch: u64,
-    /// Code of an alarm or an exception; `None`: the default code of the kind.
+    /// Code of `Alarm` or `Exception`; `None`: alarm 99, or exception 6 (server device busy).
     pub code: Option<u8>,
     /// `late`: delay of the reply, s; `None`: 0.7 s.
     pub late_s: Option<f64>,
@@ -46,39 +47,43 @@ pub struct Fault {
     pub slow_latch_period_s: Option<f64>,
 }
 
+/// Kind of a fault; "the request" is the Modbus request at which the fault is triggered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
     /// The request is executed; the reply comes late.
     Late,
-    /// The request is executed; the reply is lost.
+    /// The request is executed; no reply is sent.
     #[serde(rename = "unanswered")]
     LostAnswer,
-    /// The request is lost.
+    /// The request is neither executed nor answered.
     #[serde(rename = "lost")]
     LostRequest,
-    /// The request is refused by an exception.
+    /// The request is not executed, but refused by an exception.
     Exception,
     /// The status changes while it is read.
     #[serde(rename = "torn")]
     StatusChangesDuringRead,
-    /// An earlier status is returned once more.
+    /// The status block of the previous read is returned once more.
     #[serde(rename = "stale")]
     StaleStatus,
-    /// The connection is cut (RTU: the request is lost).
+    /// All TCP connections are cut, and the request is lost (RTU: only the request is lost).
     #[serde(rename = "cut")]
     ConnectionCut,
-    /// The control hangs: it answers no request any more.
+    /// The control answers no request any more. Its motion continues.
     Silence,
-    /// The program of the control stops; its registers are still served.
+    /// The program of the control stops: no chunk is accepted and the status does not change; the registers are still
+    /// served.
     #[serde(rename = "frozen")]
     ProgramStopped,
-    /// The control is switched off and on.
+    /// The control is switched off and on; a person must make it ready.
     #[serde(rename = "reset")]
     PowerCycle,
+    /// The control raises an alarm, 99 unless `code` is given, then executes the request.
     Alarm,
+    /// The control raises alarm 10, then executes the request.
     EStop,
-    /// A person holds the control at the machine.
+    /// A person holds the control at the machine; the request is then executed.
     #[serde(rename = "hold")]
     PersonHolds,
     /// The probe reads closed from now on.
@@ -87,12 +92,12 @@ pub enum FaultKind {
     ProbeDead,
     /// The next probing move meets an obstacle after two fifths of its path.
     ForeignBody,
-    /// The stylus is brushed during the next rapid: the probe reads closed for a while.
+    /// The stylus is brushed during the next rapid or turn: the probe reads closed in the next two status blocks.
     RapidContact,
     /// From now on a PLC latches a contact only in its next scan, so the latched position lies beyond the contact.
     #[serde(rename = "slow-latch")]
     LatchByScan,
-    /// A write of many registers is confirmed, but only its first half is kept.
+    /// A write of more than eight registers is confirmed, but only its first half is kept.
     HalfWritten,
     /// A write of the sequence register is confirmed but ignored.
     LostStart,
@@ -148,7 +153,7 @@ impl FaultKind {
     }
 }
 
-/// Reply to a request, and its delay.
+/// Reply to a request, and the time by which it is delayed.
 pub(super) struct DelayedReply {
     /// `None`: no reply is sent.
     pub answer: Option<Result<Response, ExceptionCode>>,
@@ -156,7 +161,8 @@ pub(super) struct DelayedReply {
 }
 
 impl Firmware {
-    /// Handles a request that arrives at `now`.
+    /// Handles a request that arrives at `now`, with the fault that is due, if any; one request triggers one fault at
+    /// most.
     pub(super) fn handle_request(&mut self, request: &Request<'_>, now: Duration) -> DelayedReply {
         self.advance(now);
         self.request_count += 1;
@@ -180,6 +186,7 @@ impl Firmware {
         self.apply_fault(&fault, request)
     }
 
+    /// Executes the request, and at once all work that is due after it.
     fn execute_and_advance(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let answer = self.execute_request(request);
         // A write takes effect at once.
@@ -261,6 +268,7 @@ impl Firmware {
         }
     }
 
+    /// Executes the request while the status shows the previous result as pending.
     fn reply_with_previous_result(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         self.shows_previous_result = true;
         let answer = self.execute_and_advance(request);
@@ -268,7 +276,7 @@ impl Firmware {
         answer
     }
 
-    /// Writes the first half of the registers and confirms all.
+    /// Writes the first half of the registers (nothing of a single one) and confirms all.
     fn write_first_half(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let Request::WriteMultipleRegisters(at, words) = request else {
             return self.execute_and_advance(request);
@@ -298,6 +306,7 @@ impl Firmware {
         }
     }
 
+    /// Executes the request; replies with the status block of the read before it.
     fn reply_with_previous_status(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let shown = self.previous_status_block.clone();
         match self.execute_and_advance(request) {

@@ -12,7 +12,8 @@ use crate::LatchedContact;
 use crate::interpreter::{Job, JobResult, LineAction};
 
 impl Firmware {
-    /// Advances the control to the time `now`.
+    /// Advances the control to the time `now`: ends and starts jobs that are due, and holds if the heartbeat is lost
+    /// during a job.
     pub(super) fn advance(&mut self, now: Duration) {
         loop {
             if let Some(end_time) = self.executor.active_job.as_ref().map(|active| active.end_time) {
@@ -41,6 +42,7 @@ impl Firmware {
         }
     }
 
+    /// Starts the job of a line; an error in the line discards the rest of the chunk.
     fn execute_line(&mut self, line: &str) {
         let here = self.executor.displayed_position();
         match self.options.interpreter.interpret_line(line, &here) {
@@ -54,6 +56,7 @@ impl Firmware {
         }
     }
 
+    /// Starts the job. A probing move whose probe is closed already raises an alarm instead.
     pub(super) fn start_job(&mut self, job: Job) {
         if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
             return self.raise_alarm(ALARM_PROBE_CLOSED);
@@ -88,6 +91,7 @@ impl Firmware {
         }
     }
 
+    /// Stores the contact in the latch registers, counts it and adds it to the event log.
     fn latch_contact(&mut self, contact: LatchedContact) {
         self.latch_count = self.latch_count.wrapping_add(1);
         self.contact_count += 1;
@@ -99,19 +103,20 @@ impl Firmware {
         });
     }
 
-    /// A drive that is pressed against an obstacle stalls.
+    /// A drive that is pressed against an obstacle stalls: raises a hard-limit alarm.
     fn alarm_if_crashed(&mut self, has_crashed: bool) {
         if has_crashed {
             self.raise_alarm(ALARM_HARD_LIMIT);
         }
     }
 
+    /// Stops the machine where it is, discards the remaining motion and enters the alarm state.
     pub(super) fn raise_alarm(&mut self, code: u16) {
         self.stop_at_current_position();
         self.operating_state = OperatingState::AlarmWithCode(code);
     }
 
-    /// Stops the machine where it is and discards the remaining motion.
+    /// Stops the machine where it is and discards the remaining motion; only if the control is ready.
     pub(super) fn stop_and_hold(&mut self, reason: u16) {
         if self.operating_state == OperatingState::Ready {
             self.stop_at_current_position();
@@ -119,6 +124,7 @@ impl Firmware {
         }
     }
 
+    /// Stops the machine where it is and discards the remaining lines, table and job; the operating state stays.
     pub(super) fn stop_at_current_position(&mut self) {
         self.unstarted_lines.clear();
         if let Some(resident) = &mut self.resident_program {

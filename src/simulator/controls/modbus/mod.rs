@@ -34,9 +34,10 @@ const ALARM_SOFT_LIMIT: u16 = 2;
 const ALARM_PROBE_CLOSED: u16 = 4;
 const ALARM_NO_CONTACT: u16 = 5;
 const ALARM_PROBE_STILL_CLOSED: u16 = 11;
+/// Reason of a hold because the client's heartbeat stopped during a job.
 const HOLD_REASON_HEARTBEAT_LOST: u16 = 64;
 
-/// Timeout of the client's heartbeat: after it, motion is held and no chunk is accepted.
+/// Maximum time between two changes of the client's heartbeat: after it, motion is held and no chunk is accepted.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Configuration of the simulated control.
@@ -69,7 +70,8 @@ pub enum ControlEvent {
     ChunkOffered {
         sequence: u16,
     },
-    /// Latched positions, in steps of 0.001 mm or degree, and the time.
+    /// Latched positions in steps of 0.001 mm or degree, in the order of the registers, and the simulated time of the
+    /// latch.
     ContactLatched {
         latch: Vec<i32>,
         t_s: f64,
@@ -103,30 +105,41 @@ pub struct Firmware {
     /// Lines of the current chunk that have not been started.
     unstarted_lines: VecDeque<String>,
     resident_program: Option<SimulatedResidentProgram>,
+    /// Sequence number of the last chunk that was checked, whether it was accepted or refused; 0: none since
+    /// power-up.
     checked_sequence: u16,
+    /// Sequence number of the last chunk that was executed completely and without error.
     executed_sequence: u16,
+    /// Why the last checked chunk was refused or its execution stopped; 0: no error.
     error_code: u16,
+    /// Number of contacts since power-up; wraps.
     latch_count: u16,
+    /// Latched position of the last contact.
     latched_position: Position,
+    /// Simulated time of the last latch; 0 before the first.
     latch_time_s: f64,
-    /// Number of status blocks written so far.
+    /// Number of status blocks composed so far; wraps.
     status_block_count: u16,
     /// Time at which the client's heartbeat last changed.
     last_heartbeat_change_time: Option<Duration>,
+    /// Number of requests that arrived since the control was built, lost ones included.
     request_count: u64,
     accepted_chunk_count: u64,
     /// Number of contacts since the control was built.
     contact_count: u64,
     /// Whether the current status shows the previous result.
     shows_previous_result: bool,
-    /// Status block of a control whose program has stopped; the control accepts no chunk.
+    /// Status block of a control whose program has stopped; the control accepts no chunk. `None`: the program runs.
     frozen_status_block: Option<Vec<u16>>,
-    /// Value of a heartbeat that has stopped.
+    /// Value of the control's heartbeat since it stopped; `None`: it counts.
     frozen_heartbeat_value: Option<u16>,
+    /// Whether each contact is reported with the time stamp `WRONG_STAMP_S`.
     has_wrong_stamp: bool,
-    /// The previous status block.
+    /// Status block of the last read.
     previous_status_block: Vec<u16>,
+    /// Whether no request is answered any more; motion continues.
     is_hung: bool,
+    /// Notified to cut all TCP connections.
     cut_signal: Arc<tokio::sync::Notify>,
     event_log: ControlEventLog,
     /// Host time since power-up.

@@ -10,9 +10,11 @@ use super::resident_program::ResultSlot;
 use super::{ControlEvent, Firmware, OperatingState};
 use machine::Position;
 
+/// Version of the register layout that the status reports, for a control that executes lines.
 const LINE_WINDOW_VERSION: u16 = 1;
+/// Version of the register layout that the status reports, for a control with a resident program.
 const PROGRAM_WINDOW_VERSION: u16 = 101;
-/// Rate of the heartbeat counter, 1/s.
+/// Rate of the control's own heartbeat counter, 1/s.
 const HEARTBEATS_PER_S: f64 = 20.0;
 
 fn position_words(position: &Position) -> Vec<u16> {
@@ -20,7 +22,8 @@ fn position_words(position: &Position) -> Vec<u16> {
 }
 
 impl Firmware {
-    /// Input registers 0 to 44; 0 to 49 with a resident program.
+    /// Composes input registers 0 to 44, or 0 to 49 with a resident program. Each call counts as a new block and as a
+    /// report of the probe.
     pub(super) fn status_block(&mut self) -> Vec<u16> {
         if let Some(frozen) = &self.frozen_status_block {
             return frozen.clone();
@@ -61,6 +64,7 @@ impl Firmware {
         block
     }
 
+    /// The control's own heartbeat counter; wraps.
     pub(super) fn heartbeat_count(&self) -> u16 {
         let beat = (self.time_since_power_up.as_secs_f64() * HEARTBEATS_PER_S) as u64 as u16;
         self.frozen_heartbeat_value.unwrap_or(beat)
@@ -102,6 +106,8 @@ impl Firmware {
         }
     }
 
+    /// Writes holding registers; writes of the heartbeat, acknowledge, sequence and hold registers take effect at
+    /// once.
     pub(super) fn write_registers(&mut self, first_address: u16, words: &[u16]) -> Result<(), ExceptionCode> {
         let first = usize::from(first_address);
         let range = first..first + words.len();

@@ -13,55 +13,74 @@ use machine::{Axis, Position};
 const RESIDENT_PROGRAM_NUMBER: u16 = 1;
 /// Number of the tool in the spindle. The client sends 0 if it does not check the tool.
 const TOOL_NUMBER: u16 = 1;
+/// The table is for a program that the control does not have.
 const ERROR_NO_SUCH_PROGRAM: u16 = 7;
+/// The table requires a tool that is not in the spindle.
 const ERROR_OTHER_TOOL: u16 = 8;
 
 /// Size of a row, registers.
 const REGISTERS_PER_ROW: usize = 16;
 /// Positions in the table count in 0.0001 mm or degree, other values in 0.001.
 const POSITION_STEPS_PER_UNIT: f64 = 10_000.0;
-const VALUE_STEPS_PER_UNIT: f64 = 1000.0;
+/// Feeds, dwell times and spindle angles in the table count in 0.001 mm/min, s or degree.
+const FEED_TIME_ANGLE_STEPS_PER_UNIT: f64 = 1000.0;
 /// Scan period of the control's program.
 pub(super) const SCAN_PERIOD: Duration = Duration::from_millis(1);
 
+/// Kind of a row of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum RowKind {
     Rapid,
+    /// Move at a feed; a probe that is closed at its end raises an alarm.
     Feed,
+    /// Probing move that should find no contact; a contact is published and ends the program.
     Guarded,
+    /// Probing move that should find a contact; its result is published, and no contact ends the program.
     Touch,
     Dwell,
     /// Orientation of the spindle.
     Orient,
 }
 
+/// One row of the table.
 #[derive(Debug, Clone)]
 struct TableRow {
     kind: RowKind,
+    /// Target of the axes that move, machine coordinates, mm or rad; empty for a dwell or an orientation.
     target: Position,
+    /// Feed, mm/min, of a move; duration, s, of a dwell; spindle angle, degrees, of an orientation; unused for a
+    /// rapid.
     feed_seconds_or_degrees: f64,
 }
 
 /// A result that the client can read, and must acknowledge before the next touch.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ResultSlot {
+    /// Number of the result, from 1 on, without 0 after the largest value; 0: no result yet.
     pub result_number: u16,
+    /// Sequence number of the chunk whose program gave the result.
     pub chunk_sequence: u16,
+    /// Row of the table, from 1.
     pub row_number: u16,
     pub has_contact: bool,
+    /// Whether the result is not yet acknowledged.
     pub is_pending: bool,
+    /// Last latched position; of an earlier contact if `has_contact` is false.
     pub latched_position: Position,
+    /// Time of that latch, s.
     pub latch_time_s: f64,
 }
 
+/// The resident program: the table that it executes, its last results, and the faults that are due.
 #[derive(Debug, Default)]
 pub(super) struct SimulatedResidentProgram {
     rows: Vec<TableRow>,
+    /// Number of the plan step that the table states; the key of the touch scatter.
     plan_step_number: u32,
     /// Current row, from 1; 0: none.
     pub current_row_number: usize,
     pub result_slot: ResultSlot,
-    /// The previous result.
+    /// Result before the present one; `None`: there were fewer than two.
     pub previous_result_slot: Option<ResultSlot>,
     /// Fault: the next acknowledgement of a result is ignored.
     pub ignores_next_result_acknowledge: bool,
@@ -76,12 +95,14 @@ impl SimulatedResidentProgram {
         self.current_row_number > 0
     }
 
+    /// Ends the program and removes its table; the results stay.
     pub(super) fn stop(&mut self) {
         self.rows.clear();
         self.current_row_number = 0;
     }
 
-    /// Handles a write of the register that acknowledges a result.
+    /// Handles a write of the register that acknowledges a result; only the number of the present result has an
+    /// effect.
     pub(super) fn on_result_acknowledge_written(&mut self, number: u16) {
         if number == self.result_slot.result_number && !std::mem::take(&mut self.ignores_next_result_acknowledge) {
             self.result_slot.is_pending = false;
@@ -102,7 +123,7 @@ impl SimulatedResidentProgram {
 }
 
 impl Firmware {
-    /// Starts the program with a complete table.
+    /// Starts the program with a complete table; returns the text for the event log, or the error code.
     pub(super) fn start_program(&mut self, sequence: u16, words: &[u16]) -> Result<String, u16> {
         let [bound, number, tool, high, low, touches, count, _, table @ ..] = words else {
             return Err(ERROR_BAD_LENGTH);
@@ -130,13 +151,15 @@ impl Firmware {
         Ok(format!("step {step}: {}", descriptions.join("; ")))
     }
 
+    /// Whether the row has a target exactly if it moves, the target is within the travel, and feed or duration is
+    /// positive.
     fn is_executable(&self, row: &TableRow) -> bool {
         let moves = matches!(row.kind, RowKind::Rapid | RowKind::Feed | RowKind::Guarded | RowKind::Touch);
         let fed = matches!(row.kind, RowKind::Rapid | RowKind::Orient) || row.feed_seconds_or_degrees > 0.0;
         fed && row.target.is_empty() != moves && self.options.interpreter.is_within_limits(&row.target)
     }
 
-    /// Starts the current row; `false` where no row can start now.
+    /// Starts the current row. `false`: there is none, or a touch waits for the acknowledgement of the last result.
     pub(super) fn start_current_row(&mut self) -> bool {
         let Some(resident) = &self.resident_program else { return false };
         let (Some(row), step) = (resident.current_row().cloned(), resident.plan_step_number) else { return false };
@@ -180,6 +203,7 @@ impl Firmware {
         }
     }
 
+    /// Replaces the result slot by a new pending result of the current row.
     fn publish_result(&mut self, has_contact: bool) {
         let (latch, t_s, sequence) = (self.latched_position.clone(), self.latch_time_s, self.checked_sequence);
         let Some(resident) = &mut self.resident_program else { return };
@@ -204,6 +228,7 @@ impl Firmware {
     }
 }
 
+/// Reads one row of the table; `None`: an unknown kind of row or an unknown axis.
 fn parse_row(words: &[u16]) -> Option<TableRow> {
     let [kind, axes, high, low, positions @ ..] = words else { return None };
     let kind = match kind {
@@ -216,7 +241,7 @@ fn parse_row(words: &[u16]) -> Option<TableRow> {
         _ => return None,
     };
     let long = |pair: &[u16]| pair.iter().fold(0_u32, |long, word| long << 16 | u32::from(*word));
-    let value = f64::from(long(&[*high, *low])) / VALUE_STEPS_PER_UNIT;
+    let value = f64::from(long(&[*high, *low])) / FEED_TIME_ANGLE_STEPS_PER_UNIT;
     let axis_positions = REGISTER_AXES.into_iter().zip(positions.chunks(2)).zip(0..);
     let axis_positions = axis_positions.filter(|(_, bit)| axes >> bit & 1 == 1);
     let to = axis_positions.map(|((axis, pair), _)| {
@@ -226,6 +251,7 @@ fn parse_row(words: &[u16]) -> Option<TableRow> {
     (axes >> REGISTER_AXES.len() == 0).then(|| TableRow { kind, target: to.collect(), feed_seconds_or_degrees: value })
 }
 
+/// The row as text of the event log.
 fn describe_row(row: &TableRow) -> String {
     let to = row.target.iter().map(|(axis, value)| format!(" {axis}{:.4}", axis.to_mm_or_deg(value)));
     format!("{:?}{} {}", row.kind, to.collect::<String>(), row.feed_seconds_or_degrees)

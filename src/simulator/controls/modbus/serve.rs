@@ -19,9 +19,11 @@ use super::Firmware;
 const RTU_UNIT_ADDRESS: u8 = 1;
 const WIRE_BUFFER_BYTES: usize = 4096;
 
+/// Modbus service of a control; clones serve the same control.
 #[derive(Clone)]
 struct FirmwareServer {
     firmware: Arc<Mutex<Firmware>>,
+    /// Host time at which the control is powered up.
     start_instant: Instant,
     /// Unit address that is answered; requests to others are ignored. `None`: all are answered.
     answered_unit: Option<u8>,

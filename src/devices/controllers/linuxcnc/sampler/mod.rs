@@ -23,6 +23,7 @@ use machine::{Axis, Position};
 
 /// Time for which the stream is observed before anything moves, to check its period.
 const PERIOD_CHECK_TIME: Duration = Duration::from_millis(1300);
+/// Time in which the positions arrive that were buffered before the connection.
 const BUFFER_DRAIN_TIME: Duration = Duration::from_millis(100);
 /// Maximum time that a tick may take to arrive: a pipe may hold 4096 bytes, and a network delays by up to a
 /// second.
@@ -30,9 +31,10 @@ const MAX_TICK_DELAY: Duration = Duration::from_secs(3);
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Interval at which the task checks whether its handle still exists.
 const HANDLE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
-/// Largest difference between two reports of the same axis position, mm and rad: axes under control are
-/// never quite at rest.
+/// Largest difference between two reports of the same linear axis position, mm: axes under control are never quite at
+/// rest.
 const MAX_POSITION_DIFFERENCE_MM: f64 = 0.01;
+/// As [`MAX_POSITION_DIFFERENCE_MM`], for a rotary axis, rad.
 const MAX_POSITION_DIFFERENCE_RAD: f64 = 0.001;
 const SETUP_GUIDE: &str = "see the halcmd lines in docs/linuxcnc-sampler.md";
 
@@ -41,7 +43,9 @@ const SETUP_GUIDE: &str = "see the halcmd lines in docs/linuxcnc-sampler.md";
 #[serde(try_from = "SamplerKeys")]
 pub struct SamplerConfig {
     tcp: HostPort,
+    /// Stated period of the servo thread, s.
     period_s: f64,
+    /// In the order of the sampler's pins; `None`: the machine's axes in the order X Y Z A B C.
     axes: Option<Vec<Axis>>,
 }
 

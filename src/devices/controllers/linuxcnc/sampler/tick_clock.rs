@@ -33,6 +33,7 @@ impl Tick {
     }
 }
 
+/// Ticks within `BIN_WIDTH_S`, of which only the least delay is kept.
 #[derive(Debug)]
 struct TickBin {
     /// Index of the segment, and of the bin within the segment.
@@ -41,11 +42,15 @@ struct TickBin {
     min_arrival_offset_s: f64,
 }
 
+/// Relation of the tick numbers to the time of the host clock.
 #[derive(Debug)]
 pub(super) struct TickClock {
+    /// Configured period of the servo thread, s.
     period_s: f64,
     segment_index: u32,
+    /// In ascending order, at most `MAX_BINS`.
     bins: VecDeque<TickBin>,
+    /// Tick registered last.
     newest_tick: Option<Tick>,
 }
 
@@ -107,6 +112,7 @@ impl TickClock {
             .then_some(self.period_s * (1.0 + relative_error))
     }
 
+    /// Time since tick 0 of the segment by the configured period, s.
     fn nominal_time_s(&self, tick: Tick) -> f64 {
         tick.number as f64 * self.period_s
     }

@@ -7,22 +7,25 @@ use crate::finite_numbers::parse_finite_numbers;
 use machine::Axis;
 use machine::record::axis_track::AxisTrack;
 
-/// Maximum length of a line, bytes; longer input is not a line.
+/// Maximum length of an incomplete line, bytes. A longer input without a line end is discarded.
 const MAX_LINE_BYTES: usize = 1024;
-/// Maximum number of ticks of one block that are kept: a quarter of an hour at 1 kHz.
+/// Maximum number of ticks of one block, a quarter of an hour at 1 kHz: a block with more ticks has no track.
 const MAX_BLOCK_TICKS: usize = 1_000_000;
 
-/// Positions of the axes at a tick, in the control's own units and degrees.
+/// Positions at a tick, one for each axis of the record in its order, in the control's own unit of length and in
+/// degrees.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TickPositions {
     pub tick: Tick,
     pub positions: Vec<f64>,
 }
 
+/// Parses the sampler's lines and times their ticks; while a block runs, it also keeps all ticks of the block.
 #[derive(Debug)]
 pub(super) struct TickRecord {
     axes: Vec<Axis>,
     pub tick_clock: TickClock,
+    /// Start of a line whose end has not been received.
     partial_line: Vec<u8>,
     pub newest_positions: Option<TickPositions>,
     /// The last line that is not in the sampler's format.
@@ -31,11 +34,13 @@ pub(super) struct TickRecord {
     block_ticks: Option<MotionBlockTicks>,
 }
 
+/// All ticks of one recording, with their positions.
 #[derive(Debug, Default)]
 struct MotionBlockTicks {
     ticks: Vec<Tick>,
     /// The positions of the ticks, flat: one value per axis for each tick, in the control's units.
     flat_positions: Vec<f64>,
+    /// Whether a tick was dropped because [`MAX_BLOCK_TICKS`] ticks were kept.
     is_full: bool,
 }
 
@@ -75,6 +80,8 @@ impl TickRecord {
         self.partial_line.clear();
     }
 
+    /// Processes a line without its end. A line in another format is stored as `last_invalid_line` and otherwise
+    /// ignored.
     fn process_line(&mut self, line: &str, read_s: f64) {
         // The numbers that follow show which ticks are missing.
         if line == "overrun" {
@@ -98,13 +105,13 @@ impl TickRecord {
         self.newest_positions = Some(TickPositions { tick, positions: at });
     }
 
-    /// Starts to keep all ticks.
+    /// Starts to keep all ticks; discards the ticks of an earlier recording.
     pub fn start_recording(&mut self) {
         self.block_ticks = Some(MotionBlockTicks::default());
     }
 
-    /// Returns the positions kept since [`Self::start_recording`], with the times that are known now; `None` if there
-    /// were too many positions.
+    /// Ends the recording. Returns its positions, mm and rad, at times of the host clock; missing ticks and ticks
+    /// without a known time are gaps. `None` if there were more than [`MAX_BLOCK_TICKS`] ticks.
     pub fn finish_recording(&mut self, mm_per_unit: f64) -> Option<AxisTrack> {
         let block_ticks = self.block_ticks.take().unwrap_or_default();
         let mut track = AxisTrack::new(self.axes.clone());
@@ -131,7 +138,8 @@ impl TickRecord {
     }
 }
 
-/// Returns the number of the tick, `axis_count` positions, and whether ticks before it are missing.
+/// Returns the number of the tick, `axis_count` positions, and whether ticks before it are missing; `None` if the
+/// line is not in this format.
 fn parse_tick_line(line: &str, axis_count: usize) -> Option<(i64, Vec<f64>, bool)> {
     let mut words = line.split_whitespace();
     let number = words.next()?.parse().ok()?;

@@ -101,7 +101,7 @@ pub(in super::super) type RegisterSpan = (RegisterSpace, u16, u16, String);
 /// Checks that no two items overlap.
 ///
 /// # Errors
-/// Two items overlap, or an item is beyond the last address; the message names them.
+/// Two items overlap, or an item begins at the last address (65535); the message names them.
 pub(in super::super) fn check_overlaps(mut items: Vec<RegisterSpan>) -> Result<(), String> {
     items.sort();
     for pair in items.windows(2) {

@@ -15,11 +15,12 @@ use machine::Axis;
 pub(in super::super) struct RegisterKeys {
     address: Option<u16>,
     #[serde(rename = "type")]
-    kind: Option<NumberType>,
+    number_type: Option<NumberType>,
     order: Option<ByteOrder>,
     scale: Option<f64>,
 }
 
+/// Keys of the registers that hold one line, or the parameters of a resident program.
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ChunkKeys {
@@ -29,6 +30,7 @@ struct ChunkKeys {
     order: Option<ByteOrder>,
 }
 
+/// Keys of `[controller.registers]`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(in super::super) struct RegisterMapKeys {
@@ -36,50 +38,73 @@ pub(in super::super) struct RegisterMapKeys {
     status: WindowStatusKeys,
 }
 
+/// Keys of `[controller.registers.command]`: holding registers that `trued` writes.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct CommandKeys {
+    /// 1: the control holds the machine.
     hold: RegisterKeys,
+    /// Number of the chunk, written last.
     sequence: RegisterKeys,
+    /// Heartbeat of `trued`.
     heartbeat: RegisterKeys,
+    /// Number of the last result that `trued` has read; without results, of the last checked chunk.
     acknowledge: RegisterKeys,
+    /// Checksum of the chunk's bytes.
     crc: RegisterKeys,
+    /// Length of the chunk, bytes.
     length: RegisterKeys,
     chunk: ChunkKeys,
 }
 
+/// Keys of `[controller.registers.status]`: registers that the control writes.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct WindowStatusKeys {
     space: Option<RegisterSpace>,
+    /// Counter of the status blocks.
     sequence_head: RegisterKeys,
+    /// Version of the window layout.
     version: RegisterKeys,
     state: RegisterKeys,
     alarm: RegisterKeys,
     /// Last sequence that the control has checked, accepted or refused.
     accepted: RegisterKeys,
+    /// Last sequence whose execution is complete.
     executed: RegisterKeys,
+    /// Reason why the sequence in `accepted` was refused; 0: it was not refused.
     error: RegisterKeys,
+    /// 0: open; any other number: closed.
     probe: RegisterKeys,
+    /// One bit for each input: A is bit 0.
     inputs: RegisterKeys,
+    /// Number of contacts so far; with a resident program, number of results.
     latches: RegisterKeys,
+    /// Heartbeat of the control's program.
     heartbeat: RegisterKeys,
+    /// Present time of the control's clock.
     time_s: RegisterKeys,
     latch_time_s: RegisterKeys,
-    /// Latched positions. If present, the table `latch` or `position` lists all axes of the window.
+    /// Latched positions; if the table is present, it lists all axes of the window.
     latch: Option<BTreeMap<Axis, RegisterKeys>>,
+    /// Present positions; if the table is present, it lists all axes of the window.
     position: Option<BTreeMap<Axis, RegisterKeys>>,
+    /// Same value as `sequence_head`, unless the block changed during the read.
     sequence_tail: RegisterKeys,
     result: Option<ResultKeys>,
 }
 
+/// Keys of `[controller.registers.status.result]`, only with a resident program.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct ResultKeys {
     /// Number of the row that the program executes; 0: none.
     under_way: RegisterKeys,
+    /// Sequence of the call to which the result belongs.
     sequence: RegisterKeys,
+    /// Row to which the result belongs, from 1.
     row: RegisterKeys,
+    /// 0: the row ended without a contact.
     contact: RegisterKeys,
     /// 1 until the result is acknowledged.
     valid: RegisterKeys,
@@ -94,17 +119,20 @@ struct WindowDefaults {
 const LINE_WINDOW_DEFAULTS: WindowDefaults = WindowDefaults { chunk_register_count: 100, sequence_tail_address: 44 };
 const PROGRAM_WINDOW_DEFAULTS: WindowDefaults = WindowDefaults { chunk_register_count: 328, sequence_tail_address: 49 };
 
+/// Axes of the published window, in the order of their registers.
 const WINDOW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-/// Default address of the first latched position, and of the first position; two registers for each axis.
+/// Default address of the first latched position; two registers for each axis.
 const DEFAULT_LATCH_ADDRESS: u16 = 20;
+/// Default address of the first position; two registers for each axis.
 const DEFAULT_POSITION_ADDRESS: u16 = 32;
-/// Default scale of positions, mm or degrees.
+/// Default scale of positions, mm or degrees per count.
 const DEFAULT_POSITION_SCALE: f64 = 0.001;
 
 impl RegisterKeys {
+    /// Item with these keys; an omitted `order` or `scale` is the default order or 1.
     pub(in super::super) fn register(self, default_address: u16, default_type: NumberType) -> Register {
         let number = NumberFormat {
-            number_type: self.kind.unwrap_or(default_type),
+            number_type: self.number_type.unwrap_or(default_type),
             order: self.order.unwrap_or_default(),
             scale: self.scale.unwrap_or(1.0),
         };
@@ -116,11 +144,14 @@ impl RegisterKeys {
         Self { scale: self.scale.or(Some(scale)), ..self }
     }
 
+    /// Item of a position; the default type is `i32`, the default scale [`DEFAULT_POSITION_SCALE`].
     fn axis_register(self, default_address: u16) -> Register {
         self.with_default_scale(DEFAULT_POSITION_SCALE).register(default_address, NumberType::I32)
     }
 }
 
+/// Registers of `latch` or `position`, which is `name` in errors; without `keys`, those of [`WINDOW_AXES`] from
+/// `first_address`.
 fn axis_registers(
     name: &str,
     keys: Option<BTreeMap<Axis, RegisterKeys>>,

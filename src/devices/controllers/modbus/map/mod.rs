@@ -37,11 +37,17 @@ pub(super) struct ChunkRegisters {
 /// Holding registers that `trued` writes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CommandRegisters {
+    /// 1: the control holds the machine.
     pub hold: Register,
+    /// Sequence number of the chunk. The control acts on the chunk when the number changes.
     pub sequence: Register,
+    /// Heartbeat of `trued`.
     pub heartbeat: Register,
+    /// Number of the last result that was read; without results, of the last checked chunk.
     pub result_acknowledge: Register,
+    /// CRC-16/MODBUS of the chunk's bytes.
     pub chunk_crc: Register,
+    /// Length of the chunk, bytes.
     pub chunk_length: Register,
     pub chunk: ChunkRegisters,
 }
@@ -50,21 +56,34 @@ pub(super) struct CommandRegisters {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct StatusRegisters {
     pub space: RegisterSpace,
+    /// Counter of the status blocks. A value other than in `sequence_tail`: the block changed during the read.
     pub sequence_head: Register,
+    /// Version of the window layout, which shows whether the window is for lines or for a resident program.
     pub window_version: Register,
     pub state: Register,
     pub alarm_code: Register,
+    /// Last sequence that the control has checked, accepted or refused.
     pub checked_sequence: Register,
+    /// Last sequence whose execution is complete.
     pub executed_sequence: Register,
+    /// Reason why `checked_sequence` was refused; 0: accepted.
     pub refusal_code: Register,
     pub probe_closed_flag: Register,
+    /// One bit for each input: A is bit 0.
     pub input_bits: Register,
+    /// Number of contacts so far; with a resident program, number of results.
     pub latch_count: Register,
+    /// Heartbeat of the control's program.
     pub heartbeat: Register,
+    /// Present time of the control's clock; 0: the control has no clock.
     pub control_time_s: Register,
+    /// Time of the last contact on the control's clock; 0: the control has no clock.
     pub latch_time_s: Register,
+    /// Position of each axis at the last contact, mm or degrees.
     pub latched_position: BTreeMap<Axis, Register>,
+    /// Present position of each axis, mm or degrees.
     pub position: BTreeMap<Axis, Register>,
+    /// Same value as `sequence_head`, unless the block changed during the read.
     pub sequence_tail: Register,
     /// Registers of the results, only with a resident program.
     pub result: Option<ResultRegisters>,
@@ -73,10 +92,15 @@ pub(super) struct StatusRegisters {
 /// Further registers of a resident program: the row that the program executes, and the result that it reports.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ResultRegisters {
+    /// Row that the program executes, from 1; 0: none.
     pub active_row_number: Register,
+    /// Sequence of the call to which the result belongs.
     pub call_sequence: Register,
+    /// Row to which the result belongs, from 1.
     pub row_number: Register,
+    /// 0: the row ended without a contact.
     pub contact_flag: Register,
+    /// 1 until the result is acknowledged.
     pub unacknowledged_flag: Register,
 }
 
@@ -93,7 +117,7 @@ impl Register {
         self.number_format.register_count()
     }
 
-    /// Reads the number from a block of registers that begins at `first`.
+    /// Reads the number, with its scale applied, from a block of registers that begins at the address `first`.
     pub(super) fn decode_from_block(&self, block: &[u16], first: u16) -> Result<f64, RegisterValueError> {
         let wanted = self.register_count();
         let start = usize::from(self.address.saturating_sub(first));
@@ -183,6 +207,7 @@ impl StatusRegisters {
 }
 
 impl ResultRegisters {
+    /// Keys of `[controller.registers.status.result]` with their registers.
     fn named_registers(&self) -> [(&'static str, Register); 5] {
         [
             ("under_way", self.active_row_number),

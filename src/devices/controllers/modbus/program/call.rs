@@ -54,6 +54,8 @@ impl ModbusDriver {
         }
     }
 
+    /// Executes `block` by one call of `program`. The outcome has the position and the time of the last touch, or,
+    /// without a touch, the time of the last status.
     pub(in crate::controllers::modbus) async fn call_program(
         &mut self,
         program: &ResidentProgram,
@@ -61,7 +63,7 @@ impl ModbusDriver {
     ) -> Result<MotionBlockOutcome, ControllerError> {
         let rows = rows::rows_from_block(block)?;
         let (results, status) = self.execute_rows(program, &rows, block).await?;
-        let touch = self.find_touch(&rows, &results, block.step())?;
+        let touch = self.find_last_touch(&rows, &results, block.step())?;
         let latch_s = touch.and_then(|result| result.latch_time_s);
         let mut outcome = MotionBlockOutcome {
             trigger_time_s: self.contact_or_status_time_s(latch_s, &status)?,
@@ -155,9 +157,9 @@ impl ModbusDriver {
         }
     }
 
-    /// Returns the touch among the results, if the rows have one; each contact must be on the path of its
-    /// row.
-    fn find_touch<'a>(
+    /// Returns the last touch among the results; `None` if `rows` has no touch. Each touch row must have one result,
+    /// in the order of the rows, with a contact on its path; a contact of a guarded row is an error.
+    fn find_last_touch<'a>(
         &self,
         rows: &[ProgramRow],
         results: &'a [ContactRowResult],
@@ -199,6 +201,7 @@ impl ModbusDriver {
     }
 }
 
+/// Compares the number and the call of a result with those expected; an error if results were skipped.
 fn result_freshness(
     window: &WindowConnection,
     status: &WindowStatus,
@@ -234,7 +237,7 @@ fn spindle_orientation_rad(motion: &Motion) -> Option<f64> {
     }
 }
 
-/// Maximum time for which the machine may be at rest within a call.
+/// Maximum time for which the machine may be at rest within a call: the sum over all rows.
 fn planned_standstill_time(rows: &[ProgramRow]) -> Duration {
     let rest_times = rows.iter().map(|row| match row.action {
         RowAction::Dwell => duration_or_zero(row.feed_dwell_or_angle),

@@ -11,27 +11,36 @@ use link::modbus::RegisterSpace;
 use link::modbus::number_format::{NumberType, RegisterValueError};
 use machine::Axis;
 
+/// Axes of a row, in the order of their bits in the axis mask, from bit 0, and of their default registers.
 const ROW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-/// Default scale of positions, mm or degrees: the last of the text's four decimals. `DEFAULT_VALUE_SCALE`: the last
-/// of three decimals of feeds and seconds.
+/// Default scale of positions, mm or degrees per count: the last of the text's four decimals.
 const DEFAULT_POSITION_SCALE: f64 = 0.0001;
+/// Default scale of a feed, a dwell or an angle: the last of three decimals.
 const DEFAULT_VALUE_SCALE: f64 = 0.001;
-/// Largest difference between a number in registers and the number in the text, in the text's units.
+/// Largest permitted difference between a number in registers and the number in the text, in the text's units; beyond
+/// it the block is refused.
 const MAX_REGISTER_ROUNDING_ERROR: f64 = 1e-6;
 
 /// Keys of `[controller.program.parameters]`: addresses count from the chunk's first register.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct ParameterKeys {
+    /// Only sequence number that may start the chunk.
     sequence: RegisterKeys,
+    /// Number of the resident program.
     program: RegisterKeys,
+    /// Number of the probe as a tool; 0: any tool.
     tool: RegisterKeys,
+    /// Step number of the plan, for the control's display.
     step: RegisterKeys,
+    /// Number of rows that are touches.
     touches: RegisterKeys,
+    /// Number of rows in the table.
     rows: RegisterKeys,
     table: TableKeys,
 }
 
+/// Location of the table of rows: `address` counts from the chunk's first register.
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct TableKeys {
@@ -40,12 +49,15 @@ struct TableKeys {
     registers: Option<u16>,
 }
 
-/// Keys of `[controller.program.row]`: addresses count from the row's first register.
+/// Keys of `[controller.program.row]`, `X` to `C` for end positions: addresses count from the row's first register.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct RowKeys {
+    /// Number of the [`RowAction`].
     kind: RegisterKeys,
+    /// Bit mask of the axes that the row names: X is bit 0.
     axes: RegisterKeys,
+    /// Feed, duration of a dwell or angle: see [`ProgramRow::feed_dwell_or_angle`].
     value: RegisterKeys,
     #[serde(rename = "X")]
     x: RegisterKeys,
@@ -61,11 +73,12 @@ pub(super) struct RowKeys {
     c: RegisterKeys,
 }
 
-/// Parameters of one call before the table, as in [`ParameterKeys`].
+/// Keys of the parameters of one call before the table, in the order of [`ParameterLayout::parameters`].
 const PARAMETER_NAMES: [&str; 6] = ["sequence", "program", "tool", "step", "touches", "rows"];
 
 /// Parameters of one call.
 pub(super) struct ProgramCall<'a> {
+    /// Only sequence number that may start the chunk.
     pub sequence: u16,
     pub program: &'a ResidentProgram,
     pub step: u32,
@@ -81,9 +94,13 @@ pub(super) struct ParameterLayout {
     table_offset: u16,
     registers_per_row: u16,
     max_rows: u16,
+    /// Number of the [`RowAction`]; as the registers below, counted from the first register of the row.
     action: Register,
+    /// Bit mask of the axes that the row names: X is bit 0.
     axis_mask: Register,
+    /// Feed, duration of a dwell or angle: see [`ProgramRow::feed_dwell_or_angle`].
     value: Register,
+    /// End position of each axis, mm or degrees, in the order of [`ROW_AXES`].
     axis_targets: Vec<(Axis, Register)>,
 }
 
@@ -185,6 +202,7 @@ impl ParameterLayout {
         Ok(items)
     }
 
+    /// Adds the numbers of `row`, whose first register is `first`, counted from the chunk's first register.
     fn add_row_values(&self, row: &ProgramRow, first: u16, items: &mut Vec<(Register, f64)>) -> Result<(), String> {
         let at = |at: &Register| Register { address: first + at.address, ..*at };
         let has_axis = |axis: Axis| self.axis_targets.iter().any(|(known, _)| *known == axis);

@@ -27,7 +27,9 @@ use super::map::WindowRegisterMap;
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct ProgramKeys {
+    /// Number of the resident program; the default is 1.
     number: Option<u16>,
+    /// Number of the probe as a tool of the control; 0: the program need not check the tool.
     tool: u16,
     parameters: ParameterKeys,
     row: RowKeys,

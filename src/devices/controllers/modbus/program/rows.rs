@@ -11,8 +11,11 @@ use planning::proof::ProvenBlock;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum RowAction {
     Rapid = 1,
+    /// Feed move that does not stop at a contact; also a back-off.
     Feed = 2,
+    /// Stops at a contact, which is a fault.
     Guarded = 3,
+    /// Stops at a contact, which is the result; no contact is a fault.
     Touch = 4,
     Dwell = 5,
     OrientSpindle = 6,
