@@ -2,17 +2,17 @@
 
 use serde_json::{Value, json};
 
-use super::tests::{position_beside_part, prove_lines_from};
+use super::tests::{plan_from_json, position_beside_part, prove_lines_from};
 use super::*;
 
 /// Stylus ball of 3 mm radius on a stem of 1 mm radius; the probe body, 20 mm in radius, is 100 mm above it. Ball
 /// 1, of 10 mm radius, is 60 mm above the origin, ball 2 is beside it; each on a stem of 4 mm radius, with an
 /// uncertainty of 0.5 mm. The step touches ball 1 from +X, where the stylus ball meets it at 13 mm.
-fn two_ball_plan(change: impl FnOnce(&mut Value)) -> Plan {
+fn two_ball_plan_json() -> Value {
     let linear = json!({"min": -300.0, "max": 300.0, "acceleration_per_s2": 1000.0});
     let rotary = json!({"min": -360.0, "max": 360.0});
     let at = |x: f64| json!({"X": x, "Y": 0.0, "Z": 180.0, "B": 0.0, "C": 0.0});
-    let mut plan = json!({
+    json!({
         "trued_plan": 1, "method": "test", "settings": {},
         "machine": {"name": "test", "topology": "w-C-B-F-Y-X-Z-t", "tool_mm": [0.0, 0.0, -120.0],
             "axes": {"X": linear, "Y": linear, "Z": linear, "B": rotary, "C": rotary}},
@@ -23,9 +23,11 @@ fn two_ball_plan(change: impl FnOnce(&mut Value)) -> Plan {
             "balls": [ball_json("1", [0.0, 0.0, 60.0]), ball_json("2", [60.0, 0.0, 60.0])]},
         "steps": [{"id": 0, "stage": 0, "kind": "touch", "label": "t", "from": at(15.0),
             "to": at(11.0), "feed_mm_min": 30.0, "sensor": "probe", "normal": [1.0, 0.0, 0.0]}],
-    });
-    change(&mut plan);
-    serde_json::from_value(plan).unwrap()
+    })
+}
+
+fn two_ball_plan(change: impl FnOnce(&mut Value)) -> Plan {
+    plan_from_json(two_ball_plan_json(), change)
 }
 
 fn ball_json(id: &str, centre: [f64; 3]) -> Value {
@@ -33,6 +35,7 @@ fn ball_json(id: &str, centre: [f64; 3]) -> Value {
         "stem_length_mm": 60.0})
 }
 
+/// Plan with a third ball, 100 mm beside ball 1 in Y, which `change` modifies.
 fn plan_with_third_ball(change: impl FnOnce(&mut Value)) -> Plan {
     two_ball_plan(|plan| {
         let mut third = ball_json("3", [0.0, 100.0, 60.0]);
@@ -54,6 +57,7 @@ fn touch_plan_and_program(from: f64, to: f64) -> (Plan, String) {
     (plan, lines)
 }
 
+/// Proves the standard touch, from X 15 to X 11, with this plan.
 fn prove_plan(plan: &Plan) -> Result<StageProof, ProofRefusal> {
     prove_lines_from(plan, &touch_plan_and_program(15.0, 11.0).1, Some(&position_beside_part()))
 }
@@ -69,7 +73,9 @@ fn assert_refused_as_too_near(plan: &Plan, line: usize, pair: [&str; 2]) -> Stri
     refusal.to_string()
 }
 
+/// Line of the guarded move down beside ball 1; three lines that set modes come before the program.
 const DESCENT_LINE: usize = 5;
+/// Line of the touch.
 const TOUCH_LINE: usize = 6;
 
 #[test]

@@ -9,24 +9,30 @@ use machine::Axis;
 /// A sensor whose zero point is 150 mm below the spindle datum and 50 mm below its front, which is 30 mm in radius,
 /// above a ball of 10 mm radius at the origin, with an uncertainty of 1 mm. The top of the ball is at Z = 10, so at
 /// Z 160 the sensor reads zero. The scan rests at three points along X, 1 mm higher.
+fn change_to_laser_scan(plan: &mut Value) {
+    let at = |x: f64| json!({"X": x, "Y": 0.0, "Z": 161.0, "B": 0.0, "C": 0.0});
+    plan["sensors"] = json!([{"name": "laser", "zero_mm": [0.0, 0.0, -150.0],
+        "direction": [0.0, 0.0, -1.0], "range_mm": [-10.0, 10.0], "stand_off_mm": 50.0,
+        "body_radius_mm": 30.0, "body_length_mm": 40.0}]);
+    plan["artefact"] = json!({"kind": "balls", "uncertainty_mm": 1.0,
+        "balls": [{"id": "1", "centre_mm": [0.0, 0.0, 0.0], "radius_mm": 10.0}]});
+    plan["steps"] = json!([{"id": 0, "stage": 0, "kind": "scan", "label": "s", "from": at(-5.0),
+        "to": at(5.0), "feed_mm_min": 60.0, "sensor": "laser", "normal": [0.0, 0.0, 1.0],
+        "path": [at(-5.0), at(0.0), at(5.0)], "dwell_s": 0.5, "samples": 10}]);
+}
+
 fn laser_scan_plan(change: impl FnOnce(&mut Value)) -> Plan {
     cylinder_touch_plan(|plan| {
-        let at = |x: f64| json!({"X": x, "Y": 0.0, "Z": 161.0, "B": 0.0, "C": 0.0});
-        plan["sensors"] = json!([{"name": "laser", "zero_mm": [0.0, 0.0, -150.0],
-            "direction": [0.0, 0.0, -1.0], "range_mm": [-10.0, 10.0], "stand_off_mm": 50.0,
-            "body_radius_mm": 30.0, "body_length_mm": 40.0}]);
-        plan["artefact"] = json!({"kind": "balls", "uncertainty_mm": 1.0,
-            "balls": [{"id": "1", "centre_mm": [0.0, 0.0, 0.0], "radius_mm": 10.0}]});
-        plan["steps"] = json!([{"id": 0, "stage": 0, "kind": "scan", "label": "s", "from": at(-5.0),
-            "to": at(5.0), "feed_mm_min": 60.0, "sensor": "laser", "normal": [0.0, 0.0, 1.0],
-            "path": [at(-5.0), at(0.0), at(5.0)], "dwell_s": 0.5, "samples": 10}]);
+        change_to_laser_scan(plan);
         change(plan);
     })
 }
 
+/// Program for [`laser_scan_plan`]: an approach, then a rest of 0.5 s at each of the three points.
 const DWELL_SCAN_PROGRAM: &str = "N0 G53 G0 X-5\nN0 G53 G0 Z171\nN0 G53 G1 Z161 F1500\nN0 G4 P0.5\n\
                      N0 G53 G1 X0 F60\nN0 G4 P0.5\nN0 G53 G1 X5 F60\nN0 G4 P0.5\n";
 
+/// Refusal of the dwell scan's program after one replacement of `from` by `to`.
 #[track_caller]
 fn dwell_scan_refusal(plan: &Plan, from: &str, to: &str) -> RefusalReason {
     assert!(DWELL_SCAN_PROGRAM.contains(from), "{from}");
@@ -102,6 +108,7 @@ fn continuous_scan_plan() -> Plan {
     })
 }
 
+/// Program for [`continuous_scan_plan`], without a rest.
 const CONTINUOUS_SCAN_PROGRAM: &str = "N0 G53 G0 X-5\nN0 G53 G0 Z171\nN0 G53 G1 Z161 F1500\nN0 G53 G1 X0 F60\n\
                        N0 G53 G1 X5 F60\nN0 G53 G1 X0 F60\n";
 
@@ -134,8 +141,8 @@ fn continuous_scan_with_a_dwell_or_another_path_is_refused() {
     assert!(off(refusal("N0 G53 G1 X5 F60", "N0 G38.3 X5 F60")));
 }
 
-/// A nest of three sensors at 120°, 35.26° below its centre at Z = 60, for a ball of 11 mm radius: their bodies are
-/// 1.5 mm from the ball, and 0.5 mm at the near end of their range.
+/// A nest of three sensors at 120°, 35.26° below its centre at X `at_x`, Y 0, Z 60, for a ball of 11 mm radius: their
+/// bodies are 1.5 mm from the ball, and 0.5 mm at the near end of their range.
 fn nest_scan_plan(at_x: f64, change: impl FnOnce(&mut Value)) -> Plan {
     cylinder_touch_plan(|plan| {
         let elevation = (1.0 / 3.0_f64.sqrt()).asin();
@@ -172,11 +179,13 @@ fn nest_scan_plan(at_x: f64, change: impl FnOnce(&mut Value)) -> Plan {
     })
 }
 
+/// Program for [`nest_scan_plan`]: by way of the upper end of Z into the nest, then the seven points.
 const NEST_SCAN_PROGRAM: &str = "N0 G53 G1 Z450 F60\nN0 G53 G1 X0 F60\nN0 G53 G1 Z190 F60\nN0 G53 G1 Z180 F60\n\
                        N0 G4 P0.5\nN0 G53 G1 X0.1 F60\nN0 G4 P0.5\nN0 G53 G1 X0 Z179.9 F60\nN0 G4 P0.5\n\
                        N0 G53 G1 Z180 F60\nN0 G4 P0.5\nN0 G53 G1 C120 F60\nN0 G4 P0.5\n\
                        N0 G53 G1 C240 F60\nN0 G4 P0.5\nN0 G53 G1 C360 F60\nN0 G4 P0.5\n";
 
+/// Refusal of the nest scan's program after one replacement of `from` by `to`, at an unverified position.
 #[track_caller]
 fn nest_scan_refusal(plan: &Plan, from: &str, to: &str) -> ProofRefusal {
     assert!(NEST_SCAN_PROGRAM.contains(from), "{from}");

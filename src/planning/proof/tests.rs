@@ -7,12 +7,12 @@ use machine::Axis;
 
 /// Ball of 3 mm radius, 120 mm below the spindle datum; a part of radius 45 mm and 100 mm height around the origin,
 /// with an uncertainty of 1 mm. The only step touches it from +X at half its height.
-pub(super) fn cylinder_touch_plan(change: impl FnOnce(&mut Value)) -> Plan {
+fn cylinder_touch_plan_json() -> Value {
     let linear = json!({"min": -300.0, "max": 300.0, "acceleration_per_s2": 1000.0});
     let height = json!({"min": -50.0, "max": 450.0, "acceleration_per_s2": 1000.0});
     let rotary = json!({"min": -360.0, "max": 360.0});
     let at = |x: f64| json!({"X": x, "Y": 0.0, "Z": 170.0, "B": 0.0, "C": 0.0});
-    let mut plan = json!({
+    json!({
         "trued_plan": 1, "method": "test", "settings": {},
         "machine": {"name": "test", "topology": "w-C-B-F-Y-X-Z-t", "tool_mm": [0.0, 0.0, -120.0],
             "axes": {"X": linear, "Y": linear, "Z": height, "B": rotary, "C": rotary}},
@@ -22,7 +22,15 @@ pub(super) fn cylinder_touch_plan(change: impl FnOnce(&mut Value)) -> Plan {
             "radius_mm": 45.0, "height_mm": 100.0, "uncertainty_mm": 1.0},
         "steps": [{"id": 0, "stage": 0, "kind": "touch", "label": "t", "from": at(50.0),
             "to": at(47.0), "feed_mm_min": 30.0, "sensor": "probe", "normal": [1.0, 0.0, 0.0]}],
-    });
+    })
+}
+
+pub(super) fn cylinder_touch_plan(change: impl FnOnce(&mut Value)) -> Plan {
+    plan_from_json(cylinder_touch_plan_json(), change)
+}
+
+/// Apart from the JSON value, which is long to compile: this function is compiled once for each `change`.
+pub(super) fn plan_from_json(mut plan: Value, change: impl FnOnce(&mut Value)) -> Plan {
     change(&mut plan);
     serde_json::from_value(plan).unwrap()
 }
