@@ -46,7 +46,7 @@ impl<'a> DesignSetup<'a> {
         let chain = KinematicChain::new(&plan.machine)?;
         let is_spindle_oriented = spindle_turns(&plan.machine, settings)?;
         let model = GeometryModel::for_plan(chain, plan, settings, set)?;
-        check_no_errors_of_fixed_axes(&model)?;
+        check_errors_of_fixed_axes(&model)?;
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         Ok(Self { plan, settings, balls: set, model, tip, is_spindle_oriented })
     }
@@ -129,10 +129,14 @@ fn spindle_turns(machine: &Machine, settings: &SambaSettings) -> Result<bool, Me
     Ok(is_declared && settings.spindle != SpindleOrientMode::Fixed)
 }
 
-/// Refuses selected errors of an axis that does not move, because they have no effect.
-fn check_no_errors_of_fixed_axes(model: &GeometryModel) -> Result<(), MethodRefusal> {
-    let is_fixed = |error: &&ErrorParameter| model.measuring_conditions().fixed_axes.contains(&error.axis());
-    let Some(error) = model.parameters().iter().find(is_fixed) else { return Ok(()) };
+/// Refuses selected errors of axes that do not move: all errors of an axis that tilts the spindle, and offsets of any
+/// other axis. Angular errors of other axes are accepted.
+fn check_errors_of_fixed_axes(model: &GeometryModel) -> Result<(), MethodRefusal> {
+    let is_refused = |error: &&ErrorParameter| {
+        model.measuring_conditions().fixed_axes.contains(&error.axis())
+            && (tilts_spindle(model.chain(), error.axis()) || error.component().is_linear())
+    };
+    let Some(error) = model.parameters().iter().find(is_refused) else { return Ok(()) };
     let axis = error.axis();
     if tilts_spindle(model.chain(), axis) {
         return Err(MethodRefusal {
@@ -146,9 +150,6 @@ fn check_no_errors_of_fixed_axes(model: &GeometryModel) -> Result<(), MethodRefu
                  it does not include"
             ),
         });
-    }
-    if !error.component().is_linear() {
-        return Ok(());
     }
     let coordinate = error.component().letter().to_lowercase();
     Err(MethodRefusal {

@@ -84,6 +84,9 @@ fn orienting_the_spindle_without_axis_s_is_refused() {
     assert_refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
     let asked = SambaSettings { parameters: vec!["EA0C".into(), "EX0S".into()], ..SambaSettings::default() };
     assert_refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
+    // The offset is refused also after an angular error of the same axis, which is identifiable.
+    let asked = SambaSettings { parameters: vec!["EA0S".into(), "EX0S".into()], ..SambaSettings::default() };
+    assert_refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
     let answer = Samba::new(SambaSettings::default()).next_stage(&fixed, &[], ObjectPositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
