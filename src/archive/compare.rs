@@ -17,6 +17,8 @@ pub enum CompareError {
     #[error("run {} by {} and run {} by {} have no parameter and no function in common",
         .0.id, .0.method, .1.id, .1.method)]
     NothingInCommon(Box<RunSummary>, Box<RunSummary>),
+    /// No quantity that both estimates determine has the same unit. Where only some units differ, the comparison is
+    /// made, and `other_differences` names the symbols.
     #[error("the common values of runs {first} and {second} have different units: {symbols}")]
     DifferentUnits { first: RunId, second: RunId, symbols: String },
 }
@@ -43,7 +45,8 @@ pub struct RunComparison {
     pub runs: [RunSummary; 2],
     /// Parameters that both estimates identify, with the same unit; U takes account of `common_sources`.
     pub differences: Vec<ParameterDifference>,
-    /// Functions of both estimates with the same unit; U has the largest coverage factor of all parameters.
+    /// Functions of both estimates with the same units and a stated U, except histograms; U has the largest
+    /// coverage factor of all parameters.
     pub functions: Vec<FunctionDifference>,
     /// Sources of uncertainty with the same value in both runs: they cancel in `differences`. Empty unless both runs
     /// have the same set-up.
@@ -116,8 +119,8 @@ fn describe_combination((run, estimate): (RunId, &Estimate)) -> Option<String> {
 /// Maximum difference of two heights that count as equal, mm.
 const SAME_HEIGHT_TOLERANCE_MM: f64 = 0.5;
 
-/// Whether both runs have the same set-up. A sensor or sphere that a person mounts has another offset each
-/// time.
+/// Whether both runs have the same method, machine, settings, probe and artefact, and neither a sensor nor a
+/// prompt: what a person mounts, such as a sensor or sphere, has another offset each time.
 fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
     let (a, b) = (&one.plan, &other.plan);
     let needs_mounting = |plan: &Plan| {

@@ -118,7 +118,8 @@ fn format_date(t_s: f64) -> String {
     at.strftime(format).to_string()
 }
 
-/// Chart of a series as SVG, with the control limits since the last step; `None` if there is nothing to draw.
+/// Chart of a series as SVG, with the control limits since the last step; `None` without two finite values at
+/// different times.
 pub fn draw_series_chart(series: &ParameterSeries) -> Option<String> {
     let unix_s = |at: Timestamp| at.as_duration().as_secs_f64();
     let values = &values_with_corrected_times(series);

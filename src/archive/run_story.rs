@@ -73,7 +73,7 @@ pub fn describe_run_end(stored: &StoredRun) -> String {
     format!("run {id} is {} after {} readings: {why}", state.as_str(), stored.readings.len())
 }
 
-/// Reason why the identification of a completed measurement failed, with the remedy; `None` if no
+/// For a run in the state `NotIdentified`: reason why its identification failed, with the remedy. `None` if no
 /// identification has failed: the process ended first, or the computation is in progress.
 pub fn identification_fault(stored: &StoredRun) -> Option<String> {
     let events = stored.events.iter().rev().map(|(_, event)| event);
@@ -147,7 +147,8 @@ pub fn is_certificate_expired(stored: &StoredRun) -> bool {
     stored.plan.report.is_certificate_expired(&day)
 }
 
-/// Warnings about the record of a run, in addition to those of its estimate.
+/// Warning about a certificate of the artefact that had expired when the run started; otherwise empty. The warnings
+/// of the estimate are not included.
 pub fn describe_record_warnings(stored: &StoredRun) -> Vec<String> {
     let due = stored.plan.report.certificate_due.iter().filter(|_| is_certificate_expired(stored));
     due.map(|due| format!("the certificate of the artefact was valid until {due}: it had expired when the run started"))

@@ -19,7 +19,7 @@ pub fn volumetric_error_maps(plan: &Plan, estimate: &Estimate) -> Option<(Vec<St
         predictor.describe_model()
     )];
     lines.extend(ErrorPredictor::describe_volume_errors(errors, &poses));
-    let symbols = predictor.axis_error_symbols().to_vec();
+    let symbols = predictor.predicted_error_symbols().to_vec();
     lines.push(predictor.describe_error_after_correction(&symbols, &poses).ok()?);
     Some((lines, slices.into_iter().map(error_map).collect()))
 }

@@ -49,7 +49,8 @@ pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Re
     Ok(exit_status(&summary))
 }
 
-/// The simulated operator of a simulated machine, the operator at the terminal, or no operator.
+/// The simulated operator of a simulated machine, otherwise the operator at the terminal; no operator if standard
+/// input is not a terminal.
 fn select_operator(reopenable_machine: &ReopenableMachine<'_>, stop: &CheckStop) -> Box<dyn OperatorInterface> {
     match reopenable_machine.simulated_operator() {
         Some(simulated_operator) => Box::new(simulated_operator),

@@ -47,6 +47,7 @@ pub fn compensate_command(args: &CompensateArgs, state: Option<&Path>) -> Result
     }
 }
 
+/// Writes the sheet to `out`.html and `out`.csv, which must not exist yet.
 fn write_sheet(journal: &Journal, SheetArgs { run, out }: &SheetArgs) -> Result<(), CommandFailure> {
     let sheet = render_correction_sheet(journal, RunId(*run)).map_err(CompensationError::from)?;
     for (ending, content) in [("html", sheet.html.as_bytes()), ("csv", &sheet.csv)] {

@@ -16,6 +16,7 @@ pub struct DeviceLinks<'a> {
 }
 
 impl<'a> DeviceLinks<'a> {
+    /// Creates the capture file, which must not exist yet, or reads the capture in `replayed`.
     pub fn from_options(capture_file: Option<&'a Path>, replayed: Option<&Path>) -> Result<Self, CommandFailure> {
         let (wiring, replay_folder) = match (capture_file, replayed) {
             (Some(file), _) => {

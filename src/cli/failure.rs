@@ -126,8 +126,8 @@ impl CommandFailure {
         let is_stopped = error.holds_machine() || error.is_requested_stop();
         let exit = if is_stopped { ExitStatus::Stopped } else { ExitStatus::Error };
         match error {
-            CycleError::MeasurementIncomplete { run, error, has_moved, can_resume, .. } => {
-                let prefix = if *has_moved { "" } else { "nothing has moved; " };
+            CycleError::MeasurementIncomplete { run, error, may_have_moved, can_resume, .. } => {
+                let prefix = if *may_have_moved { "" } else { "nothing has moved; " };
                 let remedy = Some(format!("{prefix}{}", error.remedy()));
                 let failure = Self { message: error.to_string(), remedy, exit_status: exit };
                 failure.with_resume_hint(*run, *can_resume, error.may_have_lost_position())

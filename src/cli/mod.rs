@@ -67,6 +67,8 @@ enum ExitStatus {
     Error = 1,
     /// Wrong usage, or the operator's confirmation is missing.
     UsageError = 2,
+    /// A parameter is outside its tolerance by more than its U, or a compensation is not confirmed by its
+    /// verification.
     OutOfTolerance = 3,
     /// The limit is within the uncertainty, or the readings contradict the model.
     Undecided = 4,

@@ -58,7 +58,7 @@ pub fn predict_command(args: &PredictPoseErrorsArgs) -> Result<(), CommandFailur
     }
     if let Some(corrected) = &args.corrected {
         let symbols: Vec<&str> = match corrected.as_str() {
-            "all" => predictor.axis_error_symbols().to_vec(),
+            "all" => predictor.predicted_error_symbols().to_vec(),
             some => some.split(',').collect(),
         };
         errln!("{}", predictor.describe_error_after_correction(&symbols, &poses)?);

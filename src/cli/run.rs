@@ -137,6 +137,7 @@ pub fn check_parent_folder(file: &Path, what: &str, option: &str) -> Result<(), 
     }
 }
 
+/// Opens the devices of the machine file; without `speed` a simulated machine runs at `Fast`.
 pub async fn open_devices(
     machine: &MachineFile,
     speed: Option<SimulationSpeed>,

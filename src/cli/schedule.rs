@@ -55,6 +55,7 @@ pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<(),
     Ok(())
 }
 
+/// Name of each machine of the file, with its schedules and their next starts.
 fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<PlannedSchedule>)> {
     let now = Timestamp::now();
     let machines = file.machines.into_iter();
@@ -112,6 +113,7 @@ fn require_operator_name(who: &str) -> Result<&str, CommandFailure> {
     }
 }
 
+/// An error if the journal has neither a run nor a schedule nor an arming of `machine`.
 fn check_machine_known(journal: &Journal, machine: &str) -> Result<(), CommandFailure> {
     let all = journal.machine_names()?;
     if all.iter().any(|known| known == machine) {

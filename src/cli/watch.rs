@@ -59,7 +59,8 @@ struct SamplePrinter {
 }
 
 impl SamplePrinter {
-    /// Shows the sample; returns whether it is the last.
+    /// Prints the sample, unless this sample and the previous sample both lack a signal. Returns whether the
+    /// requested number of samples is reached.
     fn print_and_check_last(&mut self, sample: &Sample) -> bool {
         let Sample { received_s: t_s, value_mm, flag, lost_before_count: missing, encoder_count } = *sample;
         let is_signal_missing = flag == ReadingFlag::Stale;

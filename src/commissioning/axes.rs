@@ -13,7 +13,7 @@ const JOG_LENGTH_MM_OR_DEG: f64 = 1.0;
 /// Maximum difference of an observed distance from that of the jog, mm or degrees.
 const OBSERVATION_TOLERANCE_MM_OR_DEG: f64 = 0.2;
 
-/// Reason why no axis is jogged.
+/// Reason why no axis is jogged, and neither the hold nor the latch is checked.
 pub(super) const PROBE_UNTESTED_REASON: &str = "the probe input was not tested, because no operator is present; without a working probe no contact \
     stops the machine";
 

@@ -94,7 +94,8 @@ pub(super) async fn prepare_in_contact(check: &mut MachineCheck<'_>) -> Result<P
     }
 }
 
-/// Prepares the control and reports its position. A closed probe input is no failure here: the part `probe` checks it.
+/// Prepares the control and reports its position. A probe input that is closed at the first preparation is no
+/// failure here: the part `probe` checks it.
 async fn prepare_and_report_position(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let timer = PartTimer::start(CheckPart::Control);
     match check.controller()?.prepare().await {

@@ -77,11 +77,12 @@ pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), Check
     let held = run_and_halt_jog(check, proven).await?;
     check.summary.held = held.time_to_halt_s.is_some();
     check.require_no_stop_request()?;
-    if judge_hold_and_return_held(check, &jog, held, timer).await? { wait_for_release(check).await } else { Ok(()) }
+    if judge_hold_and_return_held(check, &jog, held, timer).await? { prompt_for_release(check).await } else { Ok(()) }
 }
 
 /// The collision-free jog of the linear axis that has the most travel in the direction of the jog (away from the
-/// nearer limit); `None` if no linear axis has a collision-free jog.
+/// nearer limit); `None` if no linear axis has a collision-free jog. Axes with a travel beyond the limits of the
+/// control are left out.
 fn jog_of_axis_with_most_travel(check: &MachineCheck<'_>) -> Option<Jog> {
     let stands = check.position.as_ref()?;
     let room = |axis: Axis| {
@@ -120,8 +121,8 @@ fn hold_remedy() -> String {
     format!("check how the control receives a hold. {}", control_hints(|control| Some(control.hold_command_hint)))
 }
 
-/// Judges the jog and reports the finding; returns whether the control is held. A hold that fails or has no effect
-/// ends the check with `Unsafe`.
+/// Judges the jog and reports the finding; returns whether the control is held. A hold without effect, and any
+/// error of the jog other than `Halted`, end the check with `Unsafe`.
 async fn judge_hold_and_return_held(
     check: &mut MachineCheck<'_>,
     jog: &Jog,
@@ -174,9 +175,10 @@ async fn judge_hold_and_return_held(
     Ok(true)
 }
 
-/// Waits until the operator has released the control, because a halted connection accepts no commands. The question is
-/// repeated if the operator answers too early.
-async fn wait_for_release(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
+/// Waits until the operator has released the control, because a halted connection accepts no commands. The question
+/// is repeated while the control is not ready; after `MAX_RELEASE_QUESTIONS`, or another answer than yes, the check
+/// goes on without a known position.
+async fn prompt_for_release(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let mut not_yet = None;
     for _ in 0..MAX_RELEASE_QUESTIONS {
         check.devices = None;

@@ -23,8 +23,10 @@ const JOG_N_WORD_NUMBER: u32 = 1;
 /// Reason why a jog did not reach its end.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum JogError {
+    /// The jog cannot be rendered for the control, or the collision check refuses it.
     #[error("{prefix}{0}", prefix = proof_error_prefix(.0))]
     NotProven(#[from] StageProofError),
+    /// Error of the control; `DriverTaskEnded` also if no control is open, `Halted` also after a stop request.
     #[error(transparent)]
     Control(#[from] ControllerError),
     #[error("the machine was moved by hand: {axis} is at {reported_mm_or_deg:.3}, not at {expected_mm_or_deg:.3}")]

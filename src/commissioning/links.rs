@@ -27,7 +27,8 @@ pub(super) async fn check_links(check: &mut MachineCheck<'_>) -> Result<(), Chec
     end_with_link_fault(check, timer, &error).await
 }
 
-/// Reports `error` and its possible causes, closes the link and returns the end of the check.
+/// Reports `error` and its possible causes, closes the link and returns the end of the check. If the cause is
+/// unclear and the operator permits the search, other baud rates and protocols are searched too.
 pub(super) async fn end_with_link_fault<T>(
     check: &mut MachineCheck<'_>,
     timer: PartTimer,

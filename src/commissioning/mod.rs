@@ -134,7 +134,8 @@ impl<'a> MachineCheck<'a> {
         }
     }
 
-    /// Runs all parts. Call inside a tokio runtime.
+    /// Runs the parts in their order. After an unsafe end only `report` is checked, and the other parts are
+    /// reported as not checked; after a stop no part is checked. Call inside a tokio runtime.
     pub async fn run_all_parts(mut self) -> CheckSummary {
         let mut ended = None;
         for (part, check_part) in CHECK_PARTS {
@@ -203,7 +204,8 @@ impl<'a> MachineCheck<'a> {
         self.add_finding(timer, CheckVerdict::Failed, what.into(), Some(remedy.into()));
     }
 
-    /// Reports a fault after which it would not be safe to continue, and returns the end of the check.
+    /// Reports a fault after which it would not be safe to continue, and returns the end of the check. After a stop
+    /// request nothing is reported, and the end is `Stopped`.
     fn end_with_fault<T>(
         &mut self,
         timer: PartTimer,

@@ -15,7 +15,8 @@ const MAX_RETRACT_ANSWERS: usize = 20;
 /// Prompts for a direction and moves by one increment, until the probe input is open or the operator leaves it closed.
 ///
 /// # Errors
-/// The stylus was retracted out of contact, a stop was requested, or the control cannot continue.
+/// The stylus was retracted out of contact, or is still in contact after `MAX_RETRACT_ANSWERS` answers; a stop was
+/// requested, or the control cannot continue.
 pub(super) async fn retract_from_contact(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     let timer = PartTimer::start(CheckPart::Probe);
     let mut last_result = None;

@@ -8,6 +8,7 @@ use devices::controllers::HaltHandle;
 /// Stop of a check, on request of the operator.
 #[derive(Clone)]
 pub struct CheckStop {
+    /// Requests this stop; holds the control only during a motion.
     halt: HaltHandle,
     state: Arc<Mutex<CheckStopState>>,
 }

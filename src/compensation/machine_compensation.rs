@@ -124,12 +124,16 @@ impl<'a> MachineCompensation<'a> {
         Ok(verification)
     }
 
+    /// Restores the values before the last compensation; returns the compensation with its state before the undo.
+    ///
     /// # Errors
     /// As [`CompensationWriter::undo`].
     pub fn undo(&self, lock: &MachineLock, who: &str) -> Result<StoredCompensation, CompensationError> {
         Ok(self.writer(lock, who).undo()?)
     }
 
+    /// Completes an unfinished compensation; returns the compensation with its state before this call.
+    ///
     /// # Errors
     /// As [`CompensationWriter::finish`].
     pub fn finish(&self, lock: &MachineLock, who: &str) -> Result<StoredCompensation, CompensationError> {

@@ -56,7 +56,8 @@ impl<'a> MeasuredRun<'a> {
 /// All comparisons of a verification hold together with the probability 95.45 %.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct JointCoverage {
-    /// Positions and travels that the values correct, and three for each reading of the tool centre.
+    /// Positions and travels that the values correct, and, if the values set the tool centre, three for each
+    /// reading of the tool centre in the second run.
     comparison_count: usize,
     /// Smallest degrees of freedom of both estimates.
     dof: f64,

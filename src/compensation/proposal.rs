@@ -41,6 +41,7 @@ pub enum ControlProposalError {
     UnreadableMachineFile { run: RunId, error: Box<MachineFileError> },
     #[error("run {0} was measured on a simulated control")]
     Simulated(RunId),
+    /// The run recorded other values than the present ones, or none.
     #[error(
         "the record of run {run} does not confirm that the control used its present compensation values ({kind}) \
          during the run: the readings contain the effect of these values, and an error could be corrected twice"
@@ -141,7 +142,8 @@ impl ControlProposal {
 /// Proposes values from the last estimate of `run`, for the control and the machine that `file` states.
 ///
 /// # Errors
-/// The run has no usable estimate, or measured another machine; no position is determined; a change is too large.
+/// The run has no usable estimate, measured another machine, or did not record the present values of the
+/// compensation files; no position is determined; a change is too large.
 pub fn propose_for_control(
     journal: &Journal,
     run: RunId,

@@ -11,7 +11,7 @@ use machine::kinematics::KinematicsError;
 use methods::compensation::{ControlModel, ControlValue};
 
 use crate::setup::SetupError;
-use crate::store::{CompensationChange, Journal, StoreError, StoredCompensation};
+use crate::store::{CompensationValue, Journal, StoreError, StoredCompensation};
 
 #[derive(Debug, thiserror::Error)]
 pub enum TargetError {
@@ -51,8 +51,10 @@ pub enum TargetError {
          supported"
     )]
     NoRotaryTable { topology: String },
+    /// The work offset of the control has no value for this axis.
     #[error("the control reports no work offset of {axis}")]
-    NoSuchAxis { axis: Axis },
+    NoWorkOffsetOfAxis { axis: Axis },
+    /// A value to write has the name of another slot or axis, or a text that is no number.
     #[error("a value of the compensation is no number of {slot}")]
     UnreadableValue { slot: WorkOffsetSlot },
     #[error("{slot} has {deg}° of {axis}: with it the tilting axis is not at zero at the zero of programs")]
@@ -85,7 +87,7 @@ impl TargetError {
             Self::Setup(error) => return error.remedy().unwrap_or_else(|| "correct the machine file".to_owned()),
             Self::Controller(error) => return error.remedy(),
             Self::NoRotaryTable { .. } => "correct topology in [machine], or remove [compensation.work-offset]",
-            Self::NoSuchAxis { .. } => "correct [axes] in the machine file",
+            Self::NoWorkOffsetOfAxis { .. } => "correct [axes] in the machine file",
             Self::TiltedSlot { .. } => "set the tilting axis of the slot to 0 at the control, or name another slot",
             Self::UnreadableValue { .. } => {
                 "set slot of [compensation.work-offset] to the one of the last compensation"
@@ -182,7 +184,7 @@ pub(super) fn last_compensation(
 }
 
 /// Names and values (mm) of the changes: after the compensation if `is_after`, otherwise before it.
-pub(super) fn values_before_or_after(changes: &[CompensationChange], is_after: bool) -> Vec<(String, f64)> {
-    let value = |own: &CompensationChange| (own.name.clone(), if is_after { own.after_mm } else { own.before_mm });
+pub(super) fn values_before_or_after(changes: &[CompensationValue], is_after: bool) -> Vec<(String, f64)> {
+    let value = |own: &CompensationValue| (own.name.clone(), if is_after { own.after_mm } else { own.before_mm });
     changes.iter().map(value).collect()
 }

@@ -75,7 +75,7 @@ pub(super) fn tool_centre_errors(
     let all = errors_of_control(&|_| true)?;
     let determined = errors_of_control(&|own| of_first.position(own).is_ok() && of_second.position(own).is_ok())?;
     let [by_first, by_second] = [first.predictor(determined.clone())?, second.predictor(determined)?];
-    let is_comparable = by_first.axis_error_symbols() == by_second.axis_error_symbols();
+    let is_comparable = by_first.predicted_error_symbols() == by_second.predicted_error_symbols();
     let factor = coverage.factor();
     let error = |(step, reading): (u32, &ToolCentreReading)| {
         let position = &reading.position;

@@ -36,14 +36,20 @@ pub enum VerificationError {
     Run(#[from] ControlProposalError),
     #[error(transparent)]
     Method(#[from] MethodRefusal),
+    /// Name of the machine. No compensation is written, or the last compensation is undone or unfinished.
     #[error("no compensation of `{0}` is written")]
     NotWritten(String),
+    /// `id`: number of the compensation.
     #[error("run {run} cannot verify compensation {id}: only run {earliest} or a later run can")]
     OlderRun { id: i64, run: RunId, earliest: RunId },
+    /// `id`: number of the compensation.
     #[error("{name} of the control is {present_mm} mm; compensation {id} wrote {expected_mm} mm")]
     OtherValue { id: i64, name: String, present_mm: f64, expected_mm: f64 },
+    /// `id`: number of the compensation. Where runs do not record the values, the run started before the
+    /// compensation.
     #[error("the record of run {run} does not say that the control held the values of compensation {id}")]
     OtherValuesInRun { id: i64, run: RunId },
+    /// `count`: rotary positions at which only `run` measured.
     #[error(
         "run {run} measured at only {count} rotary positions at which run {first} did not measure; {MIN_NEW_POSITIONS} are needed"
     )]
@@ -75,6 +81,7 @@ impl VerificationError {
 /// The result of a verification.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Verification {
+    /// Number of the verified compensation.
     pub compensation: i64,
     /// Run from which the compensation was computed.
     pub first_run: RunId,
@@ -90,7 +97,8 @@ pub struct Verification {
 }
 
 impl Verification {
-    /// Whether all differences from the prediction are within their limits.
+    /// Whether all differences from the prediction and all predicted errors are within their limits, and the
+    /// control computes its tool centre from its values.
     pub fn is_confirmed(&self) -> bool {
         let mut tool_centres = self.tool_centres.iter().flatten();
         self.deviations.iter().all(RemainingDeviation::is_within_limits)
@@ -106,8 +114,9 @@ impl Verification {
 /// Verifies the last compensation of these values of the machine by `run`.
 ///
 /// # Errors
-/// None is written; the control, or the run, had other values; the run is older, measured at the same positions, or
-/// has no usable estimate.
+/// The last compensation is missing, undone or unfinished; the control, or the run, had other values; the run is
+/// older, measured at the same positions, has no usable estimate, or does not determine a changed value; the
+/// machine or its machine file has changed.
 pub fn verify_by_run(
     journal: &Journal,
     run: RunId,
@@ -207,6 +216,7 @@ fn add_rotary_positions(stored: &StoredRun, found: &mut Vec<Position>) {
     }
 }
 
+/// Deviations of all quantities that both runs determine; an error if a run does not determine a changed quantity.
 fn remaining_deviations(
     [first, second]: [&MeasuredRun<'_>; 2],
     control: &ControlModel,

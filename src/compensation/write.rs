@@ -2,7 +2,7 @@
 
 use crate::archive::run_story::is_abandoned;
 use crate::store::{
-    CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, RunFilter, RunId, StoreError,
+    CompensationState, CompensationValue, Journal, MachineLock, NewCompensation, RunFilter, RunId, StoreError,
     StoredCompensation, UnfinishedCompensation,
 };
 use devices::compensation::{ValueToWrite, are_values_equal};
@@ -26,6 +26,7 @@ pub enum CompensationWriteError {
     Target(#[from] TargetError),
     #[error("the proposal cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
+    /// SHA-256 of the approved and of the present proposal.
     #[error(
         "the approved proposal {approved} is not the present proposal {present}: the run, the machine file or a value \
          of the control has changed"
@@ -126,7 +127,7 @@ impl WriteDirection {
     }
 
     /// Text of the value to write; to restore a value, the text that the control had before, if it is journaled.
-    fn value_text(self, change: &CompensationChange) -> String {
+    fn value_text(self, change: &CompensationValue) -> String {
         match self {
             Self::ToNewValues => change.after_mm.to_string(),
             Self::ToValuesBefore if change.before_text.is_empty() => change.before_mm.to_string(),
@@ -157,8 +158,8 @@ impl CompensationWriter<'_> {
             return Err(CompensationWriteError::Expired { run: proposal.run.0 });
         }
         let values = proposal.proposal.values.iter();
-        let changes: Vec<CompensationChange> = values
-            .map(|value| CompensationChange {
+        let changes: Vec<CompensationValue> = values
+            .map(|value| CompensationValue {
                 name: value.name.clone(),
                 before_mm: value.present_mm,
                 before_text: value.present_text.clone(),
@@ -182,10 +183,12 @@ impl CompensationWriter<'_> {
         Ok(id)
     }
 
-    /// Restores the values before the last compensation, whether it is finished or not.
+    /// Restores the values before the last compensation, whether it is finished or not. Returns the compensation
+    /// with its state before the undo.
     ///
     /// # Errors
-    /// There is no compensation to undo; a value is neither that before nor that after; the control refuses a write.
+    /// There is no compensation to undo; the compensation is finished and a run can still be resumed; a value is
+    /// neither that before nor that after; the control refuses a write.
     pub fn undo(&self) -> Result<StoredCompensation, CompensationWriteError> {
         let last = self.last_compensation()?.filter(|last| !last.state.is_undone());
         let nothing = || CompensationWriteError::NothingToUndo { machine: self.lock.machine().to_owned() };
@@ -198,7 +201,7 @@ impl CompensationWriter<'_> {
     }
 
     /// Writes the new values of an unfinished compensation, also after an interrupted undo; or confirms that the
-    /// control uses the values after a restart.
+    /// control uses the values after a restart. Returns the compensation with its state before this call.
     ///
     /// # Errors
     /// No compensation is unfinished; a value is neither that before nor that after the compensation; the control
@@ -257,9 +260,9 @@ impl CompensationWriter<'_> {
 
     /// Checks that each value is that before or that after the compensation: another person or program has set any
     /// other value.
-    fn check_not_changed_by_other(&self, changes: &[CompensationChange]) -> Result<(), CompensationWriteError> {
+    fn check_not_changed_by_other(&self, changes: &[CompensationValue]) -> Result<(), CompensationWriteError> {
         let present = self.target.read()?;
-        for CompensationChange { name, before_mm, after_mm, .. } in changes {
+        for CompensationValue { name, before_mm, after_mm, .. } in changes {
             let present_mm = known_value_mm(&present, name)?;
             if ![before_mm, after_mm].into_iter().any(|mm| are_values_equal(present_mm, *mm)) {
                 let (name, before_mm, after_mm) = (name.clone(), *before_mm, *after_mm);
@@ -273,7 +276,7 @@ impl CompensationWriter<'_> {
     fn write_values(
         &self,
         id: i64,
-        changes: &[CompensationChange],
+        changes: &[CompensationValue],
         direction: WriteDirection,
     ) -> Result<(), CompensationWriteError> {
         let changed = changes.iter().filter(|change| change.before_mm != change.after_mm);

@@ -12,8 +12,10 @@ pub struct Circle {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum CircleError {
+    /// Contains the number of points.
     #[error("a circle needs three points, there are {0}; measure more positions")]
     TooFewPoints(usize),
+    /// The points are on one line or coincide.
     #[error("the points lie on a line or coincide; spread them along the arc")]
     Collinear,
     #[error("a point of the circle is not a finite number; check the input")]

@@ -43,6 +43,7 @@ pub struct LinearSolution {
     pub chi2: f64,
     /// Number of rows less rank. Rows of zeros are counted, so the caller omits them.
     pub dof: usize,
+    /// Number of directions that the constraints leave free; the rows determine all of them.
     pub rank: usize,
     /// Condition number: column-scaled σmax/σmin.
     pub condition: f64,
@@ -55,7 +56,7 @@ pub struct RankAnalysis {
     pub rank: usize,
     /// Number of undetermined directions: unknowns less independent constraints less rank.
     pub nullity: usize,
-    /// Column-scaled σmax/σmin over the determined directions.
+    /// Column-scaled σmax/σmin over the determined directions; infinite if there are none.
     pub condition: f64,
     /// σmax/σmin without column scaling (of A·Z, Z an orthonormal basis of the constraints' null space). The
     /// number is meaningful only if all unknowns have the same unit.
@@ -85,7 +86,7 @@ pub enum LinearError {
 ///
 /// # Errors
 /// [`LinearError::RankDeficient`] if the rows do not determine a direction. No minimum norm solution is returned in
-/// that case.
+/// that case. `LinearError::Malformed` also if the constraints leave no unknown free.
 pub fn solve_least_squares(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError> {
     let LinearProblem { a, y, sigma, constraints, rank_threshold } = *problem;
     check_row_counts_values_and_sigmas(problem)?;

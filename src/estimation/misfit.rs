@@ -17,12 +17,12 @@ pub struct Misfit {
     pub expected_chi2: f64,
     /// Effective degrees of freedom of χ².
     pub effective_dof: f64,
-    /// Factor by which the standard uncertainties of the sources in the residuals are multiplied: √(χ²/expected χ²)
-    /// if χ² is above its bound or the sources are not declared, otherwise 1.
+    /// Factor by which the standard uncertainties of the sources in the residuals are multiplied: √(χ²/expected χ²) if
+    /// χ² is above its bound or the sources are not declared, otherwise 1; always 1 without degrees of freedom.
     pub uncertainty_factor: f64,
-    /// Whether χ² is above its upper bound; `false` if the sources are not declared.
+    /// Whether χ² is above its upper bound; `false` if the sources are not declared or there are no degrees of freedom.
     pub is_above_bound: bool,
-    /// Whether χ² is below its lower bound; `false` if the sources are not declared.
+    /// Whether χ² is below its lower bound; `false` if the sources are not declared or there are no degrees of freedom.
     pub is_below_bound: bool,
 }
 

@@ -86,6 +86,7 @@ pub fn find_serial_port_by_id(directory: &Path, id: &str) -> Result<PathBuf, Lin
     }
 }
 
+/// Opens a serial port; while another client holds the port, tries again for up to `MAX_BUSY_PORT_WAIT`.
 async fn open_serial(path: String, baud: u32, parity: Parity) -> Result<SerialStream, LinkError> {
     let port = tokio_serial::new(&path, baud).parity(parity);
     let deadline = Instant::now() + MAX_BUSY_PORT_WAIT;
@@ -129,6 +130,7 @@ fn map_tcp_error(address: String, source: io::Error) -> LinkError {
 /// A pty for a simulated device: the device's stream, and the path that a client opens.
 pub struct Pty {
     pub device: SerialStream,
+    /// Path that a client opens.
     pub path: String,
     /// Client side, held open so that the device outlives its clients, as a real device does; `None`: a task holds it.
     pub client_side: Option<SerialStream>,

@@ -32,6 +32,7 @@ type ReadResult = Result<(Instant, Arc<[u8]>), String>;
 /// Handle of a stream: receives and sends bytes.
 pub struct ByteStreamHandle {
     stream: Arc<SharedStream>,
+    /// Reads that this handle has not yet received; a reason for the loss is the last entry.
     incoming: broadcast::Receiver<ReadResult>,
     /// Reason for the loss, once this handle has read it from the queue.
     loss_reason: Option<String>,
@@ -43,6 +44,7 @@ pub(super) struct SharedStream {
     /// Weak: only the owning task keeps the queue open. A further handle subscribes through this sender.
     read_sender: broadcast::WeakSender<ReadResult>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
+    /// Requests to pass all bytes that have already arrived to the readers; the owning task notifies the sender then.
     drain_requests: mpsc::UnboundedSender<oneshot::Sender<()>>,
     request_turn: Arc<Mutex<RequestTurn>>,
 }

@@ -34,6 +34,7 @@ pub(super) const CAPTURE_HEADER: &str = "# trued-capture 1";
 /// Protocol of a link: how the replay must interpret the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum LinkProtocol {
+    /// Bytes of a serial port or TCP connection, matched line by line in a replay.
     Lines,
     Modbus(Framing),
     SharedFiles,

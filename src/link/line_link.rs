@@ -20,15 +20,17 @@ const MAX_QUEUED_LINES: usize = 4096;
 /// Handle of a link: receives lines, sends bytes.
 pub struct LineLink {
     name: String,
+    /// Received lines and noise, in order; a reason for the loss is the last entry.
     incoming: mpsc::Receiver<Result<LineEvent, String>>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
     urgent: UrgentSender,
+    /// Reason for the loss, once this handle has read it from the queue.
     loss_reason: Option<String>,
 }
 
-/// Sends ahead of everything that is queued, from any thread, without blocking. A message whose first byte is
-/// already written is completed first. On a lost link nothing is sent or reported: the receiver of
-/// the lines gets the error.
+/// Sends ahead of everything that is queued except earlier urgent messages, from any thread, without blocking. A
+/// message whose first byte is already written is completed first. On a lost link nothing is sent or reported: the
+/// receiver of the lines gets the error.
 #[derive(Clone)]
 pub struct UrgentSender(mpsc::UnboundedSender<UrgentMessage>);
 
@@ -76,7 +78,8 @@ impl LineLink {
         (link, OwnerChannels { sink, outgoing: queued, urgent_queue, drain_requests })
     }
 
-    /// Queues one message. It is written completely and in order.
+    /// Queues one message. It is written completely and in order, or dropped as a whole by
+    /// `UrgentSender::send_and_drop_non_urgent`.
     pub fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
         self.outgoing.send(bytes.to_vec()).map_err(|_| self.lost_error())
     }
@@ -127,7 +130,7 @@ impl LineLink {
     }
 }
 
-/// Sink that assembles lines.
+/// Sink that assembles lines. A full queue is an error, which ends the link.
 struct LineSink {
     assembler: LineAssembler,
     line_sender: mpsc::Sender<Result<LineEvent, String>>,

@@ -12,10 +12,10 @@ use super::{LinkAddress, LinkError, SERIAL_PORTS_BY_ID_DIR, find_serial_port_by_
 /// Default of the key `timeout_s` of a link, s.
 const DEFAULT_LINK_TIMEOUT_S: f64 = 0.5;
 
-/// Converts the key `timeout_s` of a link.
+/// Converts the key `timeout_s` of a link; absent: `DEFAULT_LINK_TIMEOUT_S`.
 ///
 /// # Errors
-/// A message, if the time is out of range.
+/// A message, if the time is not within 0.01 to 30 s.
 pub fn parse_timeout_s(timeout_s: Option<f64>) -> Result<Duration, String> {
     let seconds = timeout_s.unwrap_or(DEFAULT_LINK_TIMEOUT_S);
     let in_range = (0.01..=30.0).contains(&seconds);

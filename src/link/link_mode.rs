@@ -11,6 +11,7 @@ use super::replay::{CaptureReplay, LinkReplay};
 pub enum LinkMode {
     #[default]
     Direct,
+    /// The device is opened; the bytes in both directions are also written to the capture.
     Captured(CaptureWriter),
     /// No device is opened: a capture answers.
     Replayed(CaptureReplay),
@@ -26,7 +27,7 @@ impl LinkMode {
         LINK_MODE.scope(self, opening).await
     }
 
-    /// Mode of the running future.
+    /// Mode of the running future; `Direct` outside of `apply_to`.
     pub fn current() -> Self {
         LINK_MODE.try_with(Self::clone).unwrap_or_default()
     }
@@ -35,7 +36,7 @@ impl LinkMode {
         matches!(self, Self::Replayed(_))
     }
 
-    /// Backend of the link `name`, which may be opened more than once.
+    /// Backend of the link `name`, which may be opened more than once. Each call counts as a new link of the capture.
     pub(super) fn backend_for_link(&self, name: &str, protocol: LinkProtocol) -> LinkBackend {
         match self {
             Self::Direct => LinkBackend::Direct,

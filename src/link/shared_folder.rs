@@ -20,7 +20,7 @@ pub struct SharedFolder {
 }
 
 impl SharedFolder {
-    /// Opens the folder at `path`; creates it if it is missing.
+    /// Opens the folder at `path`; creates it if it is missing, except in a replay.
     ///
     /// # Errors
     /// The folder cannot be created.

@@ -18,7 +18,9 @@ pub struct SharedPorts(Arc<Mutex<OpenPorts>>);
 
 #[derive(Default)]
 struct OpenPorts {
+    /// By `port_key`.
     streams: BTreeMap<String, Weak<SharedStream>>,
+    /// RTU lines only, by port and parity; Modbus TCP connections are not shared.
     modbus_lines: BTreeMap<String, Weak<OpenLine>>,
 }
 

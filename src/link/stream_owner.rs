@@ -167,6 +167,7 @@ impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
         }
     }
 
+    /// Passes the `count` bytes of one read to the sink. A read of 0 bytes is the end of the stream, an error.
     fn pass_bytes_to_sink(&mut self, buffer: &[u8], count: usize) -> io::Result<()> {
         if count == 0 {
             return Err(io::Error::other("the device closed the connection"));
@@ -237,6 +238,7 @@ pub(super) fn poll_once<F: Future>(future: F) -> Poll<F::Output> {
     pin!(future).poll(&mut Context::from_waker(Waker::noop()))
 }
 
+/// Writes a part of the first message, or all of it; returns the number of bytes written.
 async fn write_first_queued<S: AsyncWrite>(
     writer: &mut WriteHalf<S>,
     write_queue: &VecDeque<QueuedWrite>,
@@ -249,6 +251,7 @@ async fn write_first_queued<S: AsyncWrite>(
     Ok(count)
 }
 
+/// Counts `count` more bytes of the first message as written; removes the message once it is complete.
 fn remove_written_bytes(write_queue: &mut VecDeque<QueuedWrite>, count: usize) {
     let Some(message) = write_queue.front_mut() else { return };
     message.written_byte_count += count;

@@ -88,7 +88,7 @@ impl MethodRefusal {
         )
     }
 
-    /// Minimum number of Monte Carlo trials.
+    /// Minimum number of Monte Carlo trials. The setting 0, the adaptive rule, is allowed too.
     pub const MIN_MONTE_CARLO_TRIALS: usize = 100;
 
     /// # Errors
@@ -102,8 +102,8 @@ impl MethodRefusal {
     }
 
     /// # Errors
-    /// One of the `positive` settings is not greater than 0, or one of the `not_negative` settings is
-    /// negative; the error names the first one.
+    /// One of the `positive` settings is not greater than 0, one of the `not_negative` settings is negative, or a value
+    /// is not finite; the error names the first one.
     pub fn check_number_ranges(positive: &[(&str, f64)], not_negative: &[(&str, f64)]) -> Result<(), Self> {
         let positive = positive.iter().map(|(name, value)| (name, value, *value > 0.0, "is not greater than 0"));
         let not_negative =
@@ -160,10 +160,13 @@ pub fn readings_of_last_repeat<'r>(step: &Step, readings: &'r [Reading]) -> Resu
 pub enum IdentifyError {
     #[error("step {step} ({label}) has no reading; measure the step again or give a plan without it")]
     MissingReading { step: u32, label: String },
+    /// A reading belongs to the step of this id, which the plan does not contain.
     #[error("a reading is of step {step}, which is not in the plan; check that plan and readings are of the same run")]
     UnknownStep { step: u32 },
     #[error("step {step} has two readings with repeat {repeat}; give repeated readings different numbers in `repeat`")]
     DuplicateReading { step: u32, repeat: u32 },
+    /// The readings determine only `rank` of the `unknowns` unknowns. `undetermined`: texts of the combinations that
+    /// are not determined.
     #[error("the readings determine only {rank} of {unknowns} unknowns: {}", undetermined.join("; "))]
     RankDeficient { rank: usize, unknowns: usize, undetermined: Vec<String> },
     #[error(transparent)]

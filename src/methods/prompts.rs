@@ -21,6 +21,7 @@ pub fn with_prompts(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Meth
 /// these prompts.
 pub(super) struct PromptedMethod {
     wrapped_method: Box<dyn Method>,
+    /// Texts of the prompts to add before the first stage. Empty: only prompts that the plan already has are handled.
     prompt_texts: Vec<String>,
 }
 

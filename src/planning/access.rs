@@ -117,15 +117,21 @@ pub enum BallAccessError {
     MissingAxisPosition { axis: Axis },
     #[error("the spindle is tilted; balls can be touched only with the spindle axis along Z")]
     SpindleTilted,
+    /// In the touch of this name, the part `tool` of the tool would come too near to the obstacle.
     #[error("touch {touch}: the {tool} would come too near to the {obstacle}")]
     ObstacleTooNear { touch: String, tool: String, obstacle: String },
+    /// The `free` accessible touches are too few or too near to each other. `reason`: why the first blocked touch is
+    /// not accessible.
     #[error("the {free} accessible touches are too few or too near to each other; first blocked touch: {reason}")]
     TooFewTouches { free: usize, reason: Box<BallAccessError> },
+    /// The touch ends `beyond_mm` beyond the expected contact, less than `uncertainty_mm`, the largest misplacement of
+    /// the ball.
     #[error(
         "a touch ends {beyond_mm} mm beyond the expected contact, but the position uncertainty of the ball is \
          {uncertainty_mm} mm: the touch could miss the ball"
     )]
     SearchTooShort { beyond_mm: f64, uncertainty_mm: f64 },
+    /// A touch, in any touch mode, is longer than the probe's overtravel, mm.
     #[error("the search is {length:.3} mm long, more than the probe's overtravel of {overtravel} mm")]
     SearchTooLong { length: f64, overtravel: f64 },
 }
@@ -170,7 +176,8 @@ impl TouchAccess {
     /// last.
     ///
     /// # Errors
-    /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle.
+    /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle, too few free touches, or a touch
+    /// too short to meet the ball at its largest misplacement.
     pub fn accessible_touches(
         &self,
         request: &BallMeasurementRequest<'_>,
@@ -212,8 +219,8 @@ impl TouchAccess {
         Ok(contacts)
     }
 
-    /// Touches of a ball along `directions`: azimuth and elevation, degrees, in the spindle frame without the
-    /// rotation of S. The directions give the names.
+    /// Touches of a ball along `directions`: azimuth and elevation, degrees, in the spindle frame without the rotation
+    /// of S. The directions give the names. Error: the first direction that is not free.
     pub(super) fn touches_along_directions(
         &self,
         request: &BallMeasurementRequest<'_>,
@@ -274,8 +281,9 @@ impl TouchAccess {
         self.surroundings.position_at_table_point(target, rotary)
     }
 
-    /// Checks that the whole touch is within the travel and that no obstacle is nearer than the minimum clearance
-    /// between its start and the expected contact.
+    /// Checks that the touch, up to the largest misplacement of the ball, and the Z above its start that clears all
+    /// bodies are within the travel. Checks also that no obstacle is nearer than the minimum clearance between the
+    /// start and the expected contact; the touched ball needs no clearance.
     fn check_touch_is_free(
         &self,
         request: &BallMeasurementRequest<'_>,
@@ -343,7 +351,7 @@ fn add_farthest_touches(contacts: &mut Vec<TouchDirection>, mut more: Vec<TouchD
 }
 
 /// Upper bound of the standard deviation of the fitted centre in its worst direction, relative to that of one touch;
-/// centre and radius are fitted.
+/// centre and radius are fitted. Infinite if the touches do not determine centre and radius.
 fn worst_centre_to_touch_sd_ratio(contacts: &[TouchDirection]) -> f64 {
     let rows = contacts.iter().map(|contact| contact.normal.push(1.0));
     let information: Matrix4<f64> = rows.map(|row| row * row.transpose()).sum();

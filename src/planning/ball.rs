@@ -75,7 +75,7 @@ impl TouchAccess {
             .collect()
     }
 
-    /// Axis positions with the stylus-ball centre on the ball's centre: the result of a measurement.
+    /// Positions of X, Y and Z alone with the stylus-ball centre on the ball's centre: the result of a measurement.
     ///
     /// # Errors
     /// The linear axes of the machine do not span space.

@@ -23,6 +23,9 @@ const MAX_SAME_BALL_DISTANCE_MM: f64 = 60.0;
 
 /// Plans the path to the start of the touch, or to a point above the start. Returns the position at which the block
 /// ends: beside the ball if possible, otherwise above the ball.
+///
+/// # Errors
+/// The spindle is tilted at the touch, or Z has too little travel for the rotary move.
 pub(super) fn plan_ball_approach_and_block_end(
     path: &mut MotionSequence,
     plan: &Plan,
@@ -127,7 +130,7 @@ impl BallApproachPath<'_> {
         path.add_rapid(&z_position(high));
     }
 
-    /// Raises Z to `needed`: guarded while an obstacle is near.
+    /// Raises Z to `needed`: guarded while an obstacle is near. No motion if Z is already at this height or above.
     fn raise_z(&self, path: &mut MotionSequence, needed: f64) {
         let z = path.end_position.get_or_zero(Axis::Z);
         if z >= needed - POSITION_TOLERANCE_MM {

@@ -30,7 +30,8 @@ pub struct BallLimits {
     pub max_diameter_deviation_mm: f64,
 }
 
-/// Error: the touches do not fit the ball; the message contains possible causes.
+/// Error: the touches do not fit the ball; the message contains possible causes. `at`: text of the positions of the
+/// rotary axes. Lengths in mm.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BallCheckError {
     #[error(

@@ -18,7 +18,7 @@ pub struct TravelTimes {
 }
 
 impl TravelTimes {
-    /// Times between axis positions, for X and Y alone.
+    /// Times between axis positions, for X and Y alone. `position`: start of the tour.
     pub fn from_xy_positions(places: &[Position], position: Option<&Position>, machine: &Machine) -> Self {
         let way = |from: &Position, to: &Position| {
             let over = |axis| matches!(axis, Axis::X | Axis::Y);

@@ -8,6 +8,7 @@ use machine::kinematics::KinematicsError;
 pub enum PlanningError {
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
+    /// The Z command `needed` to clear all bodies is above `max`, the upper end of Z.
     #[error("Z travel is too short to pass over the part: Z {needed:.3} mm is required, the upper limit is {max} mm")]
     InsufficientZTravel { needed: f64, max: f64 },
     #[error("a positive Z command does not move the tool away from the part")]
@@ -18,6 +19,7 @@ pub enum PlanningError {
     UnknownAxis { step: u32, axis: Axis },
     #[error("step {step}: the spindle is tilted; balls can be touched only with the spindle axis along Z")]
     SpindleTilted { step: u32 },
+    /// The step is to be planned as a touch, but is neither a touch nor a reference touch.
     #[error("step {step} is not a touch")]
     NotATouch { step: u32 },
     #[error("step {step} is an invalid scan: {reason}")]
@@ -37,10 +39,13 @@ pub enum PlanningError {
     RotaryMotionInTouch { step: u32, axis: Axis },
     #[error("step {step}: the touch has zero length")]
     ZeroLengthTouch { step: u32 },
+    /// The touch is longer than the probe's overtravel. The limit protects the probe in the unguarded back-off.
     #[error(
         "step {step}: the touch is {length:.3} mm long; its unguarded back-off could exceed the probe's overtravel of {overtravel} mm"
     )]
     TouchTooLong { step: u32, length: f64, overtravel: f64 },
+    /// The braking distance from the guarded feed, mm/min, on the slowest linear axis is longer than the probe's
+    /// overtravel.
     #[error(
         "the braking distance from the guarded feed of {feed} mm/min is {distance_mm:.2} mm, more than the probe's overtravel of {overtravel} mm"
     )]

@@ -42,7 +42,8 @@ use machine::record::motion::{Motion, MotionBlock};
 use machine::record::plan::{Plan, Stage, Step};
 use machine::{Axis, Position};
 
-/// Blocks of all steps of `plan` in order, once each, from an unknown machine position; and the machine time, s.
+/// Blocks of all steps of `plan` in order, once each, from an unknown machine position; and the machine time, s. A plan
+/// with a prompt is refused.
 pub fn plan_blocks_and_time_s(
     plan: &Plan,
     safe_heights: &SafeHeights,
@@ -55,7 +56,7 @@ pub fn plan_blocks_and_time_s(
 }
 
 /// Like [`plan_blocks_and_time_s`], stage by stage as a run plans them: each with the artefact at its position
-/// found so far. Prompts have no block.
+/// found so far. Prompts have no block; after a prompt, the position of the machine is unknown.
 pub fn plan_blocks_and_time_s_by_stage(
     plan: &Plan,
     stages: &[Stage],
@@ -90,6 +91,7 @@ struct BlockSequence {
 }
 
 impl BlockSequence {
+    /// Adds the blocks of `step`, planned from the end of the sequence, and their machine time.
     fn push(&mut self, plan: &Plan, step: &Step, repeat: u32, safe_heights: &SafeHeights) -> Result<(), PlanningError> {
         let start = BlockStart { position: self.end_position.as_ref(), touched_directions: self.touched_directions };
         let blocks = step_blocks(plan, step, repeat, start, safe_heights)?;

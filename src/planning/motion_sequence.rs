@@ -12,6 +12,7 @@ pub(super) fn z_position(z: f64) -> Position {
 
 /// Motions so far, and the position at their end.
 pub(super) struct MotionSequence {
+    /// Without the axes whose position is unknown.
     pub end_position: Position,
     pub motions: Vec<Motion>,
     /// Feed of guarded moves, mm/min.
@@ -19,6 +20,7 @@ pub(super) struct MotionSequence {
 }
 
 impl MotionSequence {
+    /// Adds a rapid of the axes that are not at their target yet; none if all are.
     pub fn add_rapid(&mut self, to: &Position) {
         self.add_motion(to, |to| Motion::Rapid { to });
     }
@@ -31,6 +33,7 @@ impl MotionSequence {
         self.add_rapid(&z_position(z));
     }
 
+    /// Adds a guarded move at the feed near the part, of the axes that are not at their target yet; none if all are.
     pub fn add_guarded_move(&mut self, to: &Position) {
         let feed_mm_min = self.near_part_feed_mm_min;
         self.add_motion(to, |to| Motion::Guarded { to, feed_mm_min });

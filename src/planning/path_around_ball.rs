@@ -36,8 +36,8 @@ struct ArtefactBall {
 }
 
 /// Positions of the path from the position of the machine, beside a ball or above it, to the start of the next
-/// touch of the same ball: a corner if necessary, and the start. `None`: the machine is not near the ball, the path
-/// around it is too long or out of travel, or an obstacle blocks it.
+/// touch of the same ball: a corner if necessary, and the start. `None`: the artefact has no ball, the machine or the
+/// start is not near the ball or is below its centre, or the path is too long, out of travel or blocked.
 pub(super) fn plan_path_around_ball(
     surroundings: &Surroundings,
     machine: &Machine,

@@ -26,7 +26,7 @@ pub struct SafeHeights {
     pub(super) surroundings: Surroundings,
     /// For a round part: height at or above which the stylus ball, and everything above it, passes over the part
     /// and over every solid and kept-out box that Z can pass over, at every rotary position of the plan and during
-    /// the motions between them. `None` for balls: each path has its own height.
+    /// the motions between them. `None` for any other artefact: each path has its own height.
     pub(super) part_clearance_z: Option<f64>,
 }
 
@@ -84,11 +84,12 @@ impl SafeHeights {
     }
 }
 
+/// Positions of the rotary axes and of the spindle.
 fn rotary_axis_positions(position: &Position) -> Position {
     position.filter_axes(|axis| !axis.is_linear())
 }
 
-/// Rotary positions of the steps and, between them, on the straight path from one to the next.
+/// Rotary positions at `from` of each step except prompts and, between them, on the straight path from one to the next.
 fn rotary_positions_along_plan(plan: &Plan) -> Vec<Position> {
     // A prompt has no position.
     let mut moving = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt).peekable();

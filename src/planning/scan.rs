@@ -110,7 +110,8 @@ fn can_ball_stay_in_nest(path: &MotionSequence, from: &Position, touched: Touche
     from.iter().all(is_in_place)
 }
 
-/// Turns to the first point, at the feed that is allowed until the position is verified.
+/// Turns the rotary axes, but not the spindle, to the first point one after the other, at the feed that is allowed
+/// until the position is verified.
 fn turn_to_first_point(path: &mut MotionSequence, plan: &Plan, from: &Position, safe_heights: &SafeHeights) {
     for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
         let chain = &safe_heights.surroundings.chain;

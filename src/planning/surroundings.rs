@@ -39,6 +39,7 @@ pub(super) struct Obstacle {
 #[derive(Debug, Clone)]
 pub(super) struct Surroundings {
     pub chain: KinematicChain,
+    /// Centre of the stylus ball.
     pub tip: Point<SpindleFrame>,
     /// The stylus ball is always the first part.
     tool_parts: Vec<ToolPart>,

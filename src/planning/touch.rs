@@ -22,8 +22,8 @@ use machine::{Axis, Position};
 /// longer than the probe's overtravel, the touch must not be longer either.
 ///
 /// # Errors
-/// The step is not a complete touch; the touch is longer than the overtravel; a position is out of travel; for
-/// balls, the spindle does not point along +Z.
+/// The step is not a complete touch; the touch or the braking distance of guarded moves is longer than the overtravel;
+/// a position is out of travel; for balls, the spindle does not point along +Z.
 pub fn touch_block(
     plan: &Plan,
     step: &Step,

@@ -14,7 +14,7 @@ const MIN_DETERMINANT_OF_INDEPENDENT_NORMALS: f64 = 0.1;
 pub struct BlockStart<'a> {
     /// Position of the machine; `None` if unknown: then Z moves to its upper end first.
     pub position: Option<&'a Position>,
-    /// Directions in which touches have met the part since the control was prepared.
+    /// Directions in which touches have met the part since the control was prepared or the operator was last prompted.
     pub touched_directions: TouchedDirections,
 }
 

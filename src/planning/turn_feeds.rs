@@ -24,7 +24,7 @@ pub(super) fn max_stoppable_speed_mm_s(a: f64, within_mm: f64) -> f64 {
 
 /// Maximum feed of `axis` at `position`, degrees/min. From this feed, the parts that the axis carries stop within
 /// the probe's overtravel ([`max_stoppable_speed_mm_s`]), wherever on their surface the stylus meets them, and they
-/// are no faster than a guarded move.
+/// are no faster than a guarded move. At most the rapid speed; 0 if the machine does not have the axis.
 pub(super) fn max_turn_feed_deg_min(plan: &Plan, chain: &KinematicChain, axis: Axis, position: &Position) -> f64 {
     let Some(spec) = plan.machine.axes.get(&axis) else { return 0.0 };
     let lever = max_lever_mm(plan, chain, axis, position);

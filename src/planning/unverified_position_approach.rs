@@ -154,6 +154,7 @@ impl<'a> UnverifiedPositionApproach<'a> {
         });
     }
 
+    /// Orients the spindle, or turns another axis at the feed that is allowed until the position is verified.
     fn turn_axis(&self, path: &mut MotionSequence, axis: Axis, value: f64) {
         if axis == Axis::S {
             path.add_spindle_orientation(Some(value));

@@ -7,7 +7,8 @@ use super::number;
 use super::result_row::{ResultRow, format_degrees_of_freedom};
 use machine::record::estimate::{BudgetLine, Distribution, EvaluationType, Parameter};
 
-/// Budget of the parameters for which `is_in_table` holds: a row per parameter, a column per source.
+/// Budget of the identifiable parameters with a budget for which `is_in_table` holds: a row per parameter, a column per
+/// source.
 pub fn budget_value(parameters: &[Parameter], rows: &[ResultRow], is_in_table: impl Fn(&ResultRow) -> bool) -> Value {
     let pairs = parameters.iter().zip(rows);
     let listed: Vec<(&Parameter, &ResultRow)> =

@@ -92,6 +92,7 @@ fn error_motion_caption(function: &EstimatedFunction, figure: &FunctionFigure<'_
     Some(format!("; error motion value {value}\u{a0}{unit} about {centre}"))
 }
 
+/// Largest standard uncertainty of the function; 0 if none is stated.
 fn largest_u(function: &EstimatedFunction) -> f64 {
     function.u.iter().copied().filter(|u| *u > 0.0).fold(0.0, f64::max)
 }

@@ -5,7 +5,8 @@ use machine::record::estimate::{EstimatedFunction, FunctionFigureKind, Unit};
 use machine::record::plan::Plan;
 use machine::record::stage_proof::{Clearance, StageProof};
 
-/// Minimum clearance of each touch or scan, in the order of the run; `None` without any.
+/// Minimum clearance of each touch or scan, in the order of the run, without those in which no pair was
+/// checked; `None` without any.
 pub(super) fn clearance_of_each_step(proofs: &[StageProof]) -> Option<EstimatedFunction> {
     let y: Vec<f64> = step_clearances(proofs).map(|clearance| clearance.clearance_mm).collect();
     (!y.is_empty()).then(|| EstimatedFunction {

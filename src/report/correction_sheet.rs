@@ -41,13 +41,14 @@ pub struct CorrectionSheet {
     pub topology: String,
     /// Local time at which the run started.
     pub measured_at: String,
+    /// Whether the run was measured on a simulated control.
     pub is_simulated: bool,
     pub estimate_sha256: String,
     /// Positions of the rotary axes that carry the table, one row per axis and direction across the axis.
     pub positions: Vec<SheetRow>,
     /// Point for which the positions are valid, in words.
     pub reference_point: Option<String>,
-    /// Tilts, squareness and scales.
+    /// All other identified errors except those in µm, such as tilts, squareness and scales.
     pub others: Vec<SheetRow>,
     /// Warnings of the estimate.
     pub warnings: Vec<String>,

@@ -140,7 +140,7 @@ fn result_values(estimate: &Estimate, rows: &[ResultRow]) -> Value {
     }
 }
 
-/// k and degrees of freedom, if they are the same for all results: then the table has no column for them.
+/// k and degrees of freedom, if they are the same for all identifiable results: then the table has no column for them.
 fn same_coverage(rows: &[ResultRow]) -> Option<Value> {
     let mut identified = rows.iter().filter(|row| row.identifiable);
     let first = identified.next()?;
@@ -153,7 +153,7 @@ fn stated_row(name: &str, text: &str) -> (String, String) {
     (name.to_owned(), if text.is_empty() { NOT_STATED } else { text }.to_owned())
 }
 
-/// The machine and the instruments, as the machine file states them.
+/// The machine and the instruments as the machine file states them, the control and the active compensations.
 fn subject_rows(plan: &Plan, facts: &ReportFacts) -> NameTextRows {
     let mut rows = vec![stated_row("Machine", &plan.machine.name)];
     let has_stylus = plan.sensors.is_empty();

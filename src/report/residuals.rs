@@ -26,7 +26,7 @@ pub struct ResidualFigure {
 }
 
 /// Figures of the residuals of a run: over the time, and over the temperature of each thermometer whose temperature
-/// changed. Empty for an estimate without residuals.
+/// changed. Empty if fewer than three measurements have a residual.
 pub fn residual_figures(readings: &[Reading], estimate: &Estimate) -> Vec<ResidualFigure> {
     let Some(residuals) = RunResiduals::new(readings, estimate) else { return Vec::new() };
     let mut figures = vec![residuals.figure_over_time()];
@@ -134,7 +134,7 @@ impl<'a> RunResiduals<'a> {
         let candidates = points.iter().filter(|(_, residual)| residual.is_outlier_candidate);
         let outlier_points: Vec<[f64; 2]> = candidates.map(|(x, residual)| [*x, residual.residual_um]).collect();
         let circled = if outlier_points.is_empty() { "" } else { ". Circled: possible outliers" };
-        let symbol = if self.are_vector_lengths() { "residual length" } else { "residual" };
+        let symbol = if self.are_all_nonnegative() { "residual length" } else { "residual" };
         let function = EstimatedFunction {
             symbol: symbol.to_owned(),
             argument: argument[0].to_owned(),
@@ -149,14 +149,14 @@ impl<'a> RunResiduals<'a> {
         ResidualFigure { function, outlier_points, caption: format!("{caption}{circled}.") }
     }
 
-    /// Whether the residuals are lengths of vectors, which are not negative.
-    fn are_vector_lengths(&self) -> bool {
+    /// Whether no residual is negative: the residuals then count as lengths of vectors.
+    fn are_all_nonnegative(&self) -> bool {
         self.measurements.iter().all(|measurement| measurement.residual_um >= 0.0)
     }
 
     fn describe_residuals(&self) -> String {
         let count = self.measurements.len();
-        match self.are_vector_lengths() {
+        match self.are_all_nonnegative() {
             true => format!("length of the vector from the modelled to the measured point, {count} measurements"),
             false => format!("measured minus modelled value, {count} measurements"),
         }

@@ -20,8 +20,9 @@ pub struct ResultRow {
     pub symbol: String,
     /// Symbol on one line, such as `E_X0C`.
     pub one_line_symbol: String,
-    /// Symbol as base and subscript, such as `E` and `X0C`.
+    /// Base of the symbol, such as `E` of `EX0C`.
     pub base: String,
+    /// Subscript of the symbol, such as `X0C` of `EX0C`.
     pub index: String,
     /// The quantity in plain words; empty if the symbol needs none.
     pub name: String,
@@ -144,8 +145,8 @@ pub fn result_rows(context: RunContext<'_>, parameters: &[Parameter]) -> Vec<Res
 }
 
 /// Rows for an overview: the results with a limit, worst first (by verdict, then by |value| divided by the limit),
-/// then those of the group [`ResultGroup::Main`] in the order of the estimate, which begins with the main results of
-/// the method.
+/// then the identifiable ones of the group [`ResultGroup::Main`] in the order of the estimate, which begins with the
+/// main results of the method.
 fn overview_rows_worst_first(rows: &[ResultRow]) -> Vec<&ResultRow> {
     let is_listed = |row: &&ResultRow| row.verdict.is_some() || (row.group == ResultGroup::Main && row.identifiable);
     let mut listed: Vec<&ResultRow> = rows.iter().filter(is_listed).collect();
@@ -208,6 +209,7 @@ pub fn format_plus_minus_limit(limit: f64) -> String {
 /// Larger finite degrees of freedom are displayed as "> 1000", because the exact number has no effect.
 const MAX_SHOWN_DEGREES_OF_FREEDOM: f64 = 1000.0;
 
+/// Text of the degrees of freedom; `None` is infinite.
 pub fn format_degrees_of_freedom(dof: Option<f64>) -> String {
     match dof {
         Some(dof) if dof <= MAX_SHOWN_DEGREES_OF_FREEDOM => format_fixed(dof, 1),

@@ -9,7 +9,8 @@ const COLUMNS: [&str; 12] =
     ["symbol", "name", "value", "u", "U", "k", "dof", "unit", "limit", "verdict", "conformity", "text"];
 
 /// Writes the results of `estimate` with the digits of the report. The numbers have an ASCII minus sign, which programs
-/// read; `text` is the result as the other outputs display it.
+/// read; `text` is the result as the other outputs display it. The numbers of a parameter that is not identifiable are
+/// empty.
 ///
 /// # Errors
 /// `output` cannot be written.

@@ -141,7 +141,8 @@ fn is_same_result(one: &Estimate, other: &Estimate) -> bool {
         })
 }
 
-/// Checks that the readings of all runs contain the effect of the same compensation files.
+/// Checks that the readings of all runs contain the effect of the same compensation files; files without recorded
+/// values count as different.
 fn check_same_compensation_values(runs: &[IdentifiedRun]) -> Result<(), CombinationError> {
     let is_same = |pair: &&[IdentifiedRun]| {
         let one = recorded_compensation_file_values(&pair[0].machine, &pair[0].stored);

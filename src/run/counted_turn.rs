@@ -31,6 +31,7 @@ pub(super) struct CountedTurn<'a> {
 /// Reason why the encoder counts do not match the turn of the axis.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EncoderCountFault {
+    /// `count`: before the turn; `turned_deg`: between the positions that the control reports at rest.
     #[error("the count of the encoder stayed at {count} while {axis} turned by {turned_deg:.3}°")]
     Stuck { axis: Axis, count: u32, turned_deg: f64 },
     /// `turned_deg`: between the positions at rest; `counts_per_turn`: as declared in the machine file.
@@ -39,6 +40,7 @@ pub enum EncoderCountFault {
         the control: a ratio of {:.4}", counted_deg / turned_deg
     )]
     TurnedAngleMismatch { axis: Axis, counted_deg: f64, turned_deg: f64, counts_per_turn: i64 },
+    /// `at_deg`: angle before the jump; `jump_deg`: change of the angle in the jump.
     #[error(
         "the count of the encoder jumps by {jump_deg:.3}° at {axis} = {at_deg:.3}°, more than {axis} can turn \
         between two samples"

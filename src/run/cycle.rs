@@ -17,10 +17,10 @@ use methods::Method;
 /// Reason why a cycle ends without an estimate.
 #[derive(Debug, thiserror::Error)]
 pub enum CycleError {
-    /// The measurement is incomplete. `has_moved`: the machine has moved; `is_resumed`: the run was interrupted
-    /// before; `can_resume`: its references were measured.
+    /// The measurement is incomplete. `may_have_moved`: the machine may have moved since the start or the resume;
+    /// `is_resumed`: the run was interrupted before; `can_resume`: its references were measured.
     #[error("{error}")]
-    MeasurementIncomplete { run: RunId, error: RunError, has_moved: bool, is_resumed: bool, can_resume: bool },
+    MeasurementIncomplete { run: RunId, error: RunError, may_have_moved: bool, is_resumed: bool, can_resume: bool },
     /// All readings are measured and stored.
     #[error("{why}")]
     NotIdentified { run: RunId, why: IdentificationError },
@@ -33,11 +33,12 @@ pub enum CycleError {
 }
 
 impl CycleError {
-    /// Whether the machine holds where it was stopped until an operator decides.
+    /// Whether the machine holds where it was stopped until an operator decides; false if the error closes the run, or
+    /// if a new run ends before its first step without a requested stop.
     pub fn holds_machine(&self) -> bool {
         match self {
-            CycleError::MeasurementIncomplete { error, has_moved, is_resumed, .. } => {
-                !error.closes_run() && (*has_moved || *is_resumed || error.is_requested_stop())
+            CycleError::MeasurementIncomplete { error, may_have_moved, is_resumed, .. } => {
+                !error.closes_run() && (*may_have_moved || *is_resumed || error.is_requested_stop())
             }
             // No motion follows the last reading.
             CycleError::NotIdentified { .. } | Self::Store(_) | Self::Qualification(_) => false,
@@ -105,9 +106,9 @@ pub async fn identify_judge_and_store(
     tolerances: &[ParameterTolerance],
 ) -> Result<Estimate, CycleError> {
     let can_resume = run.can_resume();
-    let Run { id, plan, readings, has_moved, is_resumed, on_event, journal, devices, .. } = run;
+    let Run { id, plan, readings, may_have_moved, is_resumed, on_event, journal, devices, .. } = run;
     if let Err(error) = run_result {
-        return Err(CycleError::MeasurementIncomplete { run: id, error, has_moved, is_resumed, can_resume });
+        return Err(CycleError::MeasurementIncomplete { run: id, error, may_have_moved, is_resumed, can_resume });
     }
     let text = format!("computing the estimate from {} readings", readings.len());
     on_event(&RunEvent::OperatorMessage { text });

@@ -139,8 +139,8 @@ pub async fn store_identification(
     }
 }
 
-/// Identifies the readings of `plan`. Adds to the estimate the ranges of the axes and the hashes of the plan, the
-/// readings, the probe, the artefact and the priors.
+/// Identifies the readings of `plan`, without a verdict. Adds to the estimate the ranges of the axes, the sensitivities
+/// of the budget, the provenance (program, machine, temperatures, hashes) and the hashes of the priors.
 ///
 /// # Errors
 /// The errors of [`Method::identify`].
@@ -153,7 +153,8 @@ pub fn identify_readings(method: &dyn Method, plan: &Plan, readings: &[Reading])
     Ok(estimate)
 }
 
-/// Hash of the plan's probe and of its stylus position. `None`: a value cannot be written as JSON.
+/// Hash of the identity of the plan's probe, without its declared uncertainties, and of its stylus position. `None`: a
+/// value cannot be written as JSON.
 pub fn probe_sha256(plan: &Plan) -> Option<String> {
     sha256_of_json(&(plan.probe.identity(), plan.machine.tool_mm)).ok()
 }
@@ -197,7 +198,7 @@ fn axis_ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
 }
 
 /// The estimate with its verdict, and a warning for each limit that matches no parameter. With a limit for the
-/// volumetric error, the estimate gets this parameter.
+/// volumetric error, the estimate gets this parameter, or a warning if it cannot be computed.
 pub fn judge_estimate(mut estimate: Estimate, plan: &Plan, tolerances: &[ParameterTolerance]) -> Estimate {
     if tolerances.iter().any(|limit| limit.symbol == VOLUMETRIC_ERROR_SYMBOL) {
         let predictor = ErrorPredictor::of_plan(plan, &estimate);

@@ -78,8 +78,8 @@ pub struct Run<'a> {
     pub plan: Plan,
     /// All readings so far, also those before an interruption.
     pub readings: Vec<Reading>,
-    /// Whether any block was sent that moves the machine.
-    pub has_moved: bool,
+    /// Whether the execution of a step has begun since the start or the resume of the run.
+    pub may_have_moved: bool,
     /// Whether the run was resumed after an interruption.
     pub is_resumed: bool,
     /// Directions that touches have confirmed since the control was prepared.
@@ -98,9 +98,9 @@ pub struct Run<'a> {
     /// Rehearsed stages that have not begun. They give the remaining machine time only; the method states what is
     /// measured next.
     remaining_stages: RemainingStages,
-    /// Whether the operator, a touch or a sensor has shown since the last preparation that the probe works.
+    /// Whether the operator, a touch or a sensor has shown since the start or the resume that the probe works.
     is_probe_confirmed: bool,
-    /// Called with each event after it is durable.
+    /// Called with each event; if the journal stores the event, after it is durable.
     on_event: &'a mut dyn FnMut(&RunEvent),
 }
 
@@ -121,7 +121,7 @@ impl<'a> Run<'a> {
             journal,
             plan: plan_without_steps,
             readings: Vec::new(),
-            has_moved: false,
+            may_have_moved: false,
             is_resumed: false,
             confirmed_directions: TouchedDirections::default(),
             transmission: TransmissionForm::TableRows,
@@ -194,7 +194,8 @@ impl<'a> Run<'a> {
         Ok(steps)
     }
 
-    /// Prepares control and thermometers; returns the position of the machine.
+    /// Prepares control, thermometers and the sensors or the probe; returns the position of the machine. Refused while
+    /// a compensation of the machine is unfinished.
     async fn prepare_devices(&mut self) -> Result<Position, RunError> {
         if let Some(unfinished) = self.journal.unfinished_compensation(&self.plan.machine.name)? {
             return Err(RunError::UnfinishedCompensation(unfinished));
@@ -295,7 +296,7 @@ impl<'a> Run<'a> {
         };
         let state = match error {
             _ if error.closes_run() => RunState::NotResumable,
-            _ if self.has_moved || self.is_resumed || error.is_requested_stop() => RunState::Held,
+            _ if self.may_have_moved || self.is_resumed || error.is_requested_stop() => RunState::Held,
             _ => RunState::Failed,
         };
         drop(self.journal.add_event(self.id, &event).await);

@@ -29,9 +29,10 @@ pub struct OpenPrompt {
     pub text: String,
 }
 
+/// Returns the name of the person who has confirmed the prompt, `None` before that.
 type PollAnswer = dyn Fn(&OpenPrompt) -> Option<String> + Send + Sync;
 
-/// Source of the answers to prompts. Cloneable.
+/// Source of the answers to prompts; `None`: no operator is available. Cloneable.
 #[derive(Clone)]
 pub struct PromptAnswerSource(Option<Arc<PollAnswer>>);
 
@@ -47,7 +48,7 @@ impl PromptAnswerSource {
         Self(None)
     }
 
-    /// Name of the person who has confirmed the prompt; `None` before the confirmation.
+    /// Name of the person who has confirmed the prompt; `None` before the confirmation, and always without an operator.
     pub fn poll(&self, prompt: &OpenPrompt) -> Option<String> {
         self.0.as_ref().and_then(|poll| poll(prompt))
     }

@@ -7,6 +7,7 @@ pub(super) struct RemainingStages {
     stages: Vec<RehearsedStage>,
 }
 
+/// Name and machine time of a stage of the rehearsal.
 #[derive(Debug)]
 pub(super) struct RehearsedStage {
     pub(super) name: String,

@@ -47,8 +47,10 @@ pub enum RepeatabilityError {
     NoEstimate(RunId),
     #[error("run {0} is listed twice")]
     DuplicateRun(RunId),
+    /// The run that differs, and the first listed run.
     #[error("run {0} has another method or another machine than run {1}")]
     OtherMethodOrMachine(RunId, RunId),
+    /// The run that differs, the first listed run, and what differs.
     #[error("run {0} has {what} other than run {1}", what = .2)]
     OtherSetup(RunId, RunId, &'static str),
 }

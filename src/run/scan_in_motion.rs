@@ -267,7 +267,8 @@ impl SensorChannel {
         self.samples.extend(std::iter::from_fn(|| receiver.try_recv().ok()));
     }
 
-    /// Whether the counts of `samples`, two or more, are nearly equal. True for a sensor without counts.
+    /// Whether the counts of the first and the last of `samples` are nearly equal; false for fewer than two samples.
+    /// True for a sensor without counts.
     fn is_at_rest(&self, samples: &[Sample]) -> bool {
         let Some((scale, _)) = self.encoder_and_rest_sample else { return true };
         match samples {

@@ -38,6 +38,7 @@ const MAX_BLOCK_MOTIONS: usize = 16;
 struct StageStart {
     /// `None`: unknown.
     position: Option<Position>,
+    /// Directions that touches have confirmed since the control was prepared.
     confirmed_directions: TouchedDirections,
 }
 
@@ -64,7 +65,7 @@ impl Run<'_> {
                 label: step.label.clone(),
                 remaining_s: remaining_s + self.remaining_stages.total_machine_time_s(),
             });
-            self.has_moved = true;
+            self.may_have_moved = true;
             let measured = match &step.scan {
                 None => self.run_touch(&step, repeat, blocks).await,
                 Some(scan) => self.run_scan(&step, scan, repeat, blocks).await,

@@ -78,7 +78,7 @@ impl Run<'_> {
 
     /// Conditions for the sensors of `step` during the motion to the first point, in the order of `step.sensors`. A
     /// sensor on the table measures the ball in the spindle, which is between the sensors during the whole motion
-    /// (`is_ball_in_nest`) or enters their range.
+    /// (`is_ball_in_nest`) or enters their range. Other sensors must only satisfy `has_signal`.
     pub(super) fn range_entry_conditions(&self, step: &Step, is_ball_in_nest: bool) -> Vec<SampleCondition> {
         let on_table = self.step_sensors_on(step, &[SensorMount::Table]);
         let condition = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
@@ -100,7 +100,7 @@ impl Run<'_> {
     }
 
     /// Executes `block`. The machine is held as soon as a sensor of `step` reports a sample that its entry of
-    /// `sample_conditions` rejects.
+    /// `sample_conditions` rejects; the result is then an error, also if the block was completed.
     pub(super) async fn execute_with_hold_on_rejection(
         &self,
         step: &Step,
@@ -113,7 +113,7 @@ impl Run<'_> {
     }
 
     /// Starts watching the sensors of `step`, until [`Run::end_watch`]; `sample_conditions` has the order of
-    /// `step.sensors`. A sensor that sends only on request is not watched.
+    /// `step.sensors`. A simulated sensor that measures only when it is read is not watched.
     pub(super) async fn begin_watch(
         &self,
         step: &Step,
@@ -145,7 +145,8 @@ impl Run<'_> {
         }
     }
 
-    /// Takes one sample of a sensor, which must satisfy `expected`. Otherwise the machine is held.
+    /// Takes one sample of a sensor, which must satisfy `expected`. Otherwise, or if the sensor fails, the machine is
+    /// held.
     pub(super) async fn check_sample(
         &self,
         step: &Step,

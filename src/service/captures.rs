@@ -52,6 +52,7 @@ impl CaptureFiles {
         std::fs::remove_file(self.path_for(&run.to_string())).is_ok()
     }
 
+    /// Path with `-label` before the file extension, in the folder of `configured_file`.
     fn path_for(&self, label: &str) -> PathBuf {
         let file = &self.configured_file;
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();

@@ -41,6 +41,7 @@ pub(super) struct CommandGateState {
     last_cycle_end_time: Option<Instant>,
     /// Why the register of artefacts permits no run; `None`: it permits runs.
     pub(super) artefact_failure: Option<String>,
+    /// Functions that report the readiness of the machine, one for each trigger that can report it.
     pub(super) readiness_sources: Vec<ReadinessSource>,
     /// Channel to the scheduler; `None` before the scheduler starts.
     pub(super) due_request_sender: Option<Sender<StartDueCycleRequest>>,
@@ -50,6 +51,7 @@ pub(super) struct CommandGateState {
 #[derive(Clone)]
 pub struct CommandGate {
     gate_state: Arc<Mutex<CommandGateState>>,
+    /// Newest heartbeat of the worker.
     pub(super) heartbeat: Arc<Mutex<Heartbeat>>,
     /// Channel of the accepted commands to the worker.
     command_sender: mpsc::Sender<WorkerCommand>,
@@ -109,7 +111,8 @@ impl CommandGate {
         found.map(drop)
     }
 
-    /// Checks whether [`Self::start_cycle`] would accept `cycle` now. A refusal is neither counted nor logged.
+    /// Checks all conditions of [`Self::start_cycle`], except whether another command is in progress. A refusal is
+    /// neither counted nor logged.
     ///
     /// # Errors
     /// The reason of the refusal.
@@ -170,8 +173,8 @@ impl CommandGate {
         Ok(answer)
     }
 
-    /// Sends the command `what` to the worker if `accepted` is `Ok`. No other command is accepted until this one
-    /// is finished.
+    /// Sends the command `what` to the worker if `accepted` is `Ok` and no other command is in progress. No other
+    /// command is accepted until this one is finished. A refusal is recorded in the machine state and in the log.
     pub(super) fn send_command<'a>(
         &self,
         mut inner: MutexGuard<'a, CommandGateState>,
@@ -235,7 +238,8 @@ impl CommandGate {
     /// decides; the receiver gets its result. The held run stays unfinished.
     ///
     /// # Errors
-    /// There is nothing to acknowledge; the refusal is also in the machine state and in the log.
+    /// There is nothing to acknowledge, or a command is in progress; the refusal is also in the machine state and in
+    /// the log.
     pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<InspectionResultReceiver, Refusal> {
         let inner = self.lock_state();
         let judged = match inner.machine_state.state {

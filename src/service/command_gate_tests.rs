@@ -9,7 +9,8 @@ use crate::run::RehearsalResult;
 use crate::store::RunId;
 use devices::controllers::HaltHandle;
 
-const ALL_INTERLOCKS_SET: Interlocks = Interlocks {
+/// Interlocks that permit every start; the stop input is not set.
+const START_PERMITTING_INTERLOCKS: Interlocks = Interlocks {
     is_fresh: true,
     is_start_enabled: true,
     is_auto_mode: true,
@@ -30,9 +31,10 @@ fn inspection_by_ada() -> Inspection<'static> {
 
 type GateRequest = fn(&CommandGate) -> Result<(), Refusal>;
 
-const START_REQUEST: GateRequest = |gate| gate.start_cycle(1, ALL_INTERLOCKS_SET, "Lise");
+const START_REQUEST: GateRequest = |gate| gate.start_cycle(1, START_PERMITTING_INTERLOCKS, "Lise");
 const ACKNOWLEDGE_REQUEST: GateRequest = |gate| gate.acknowledge(inspection_by_ada()).map(drop);
-const RESUME_REQUEST: GateRequest = |gate| gate.resume_run(RunId(1), inspection_by_ada(), ALL_INTERLOCKS_SET).map(drop);
+const RESUME_REQUEST: GateRequest =
+    |gate| gate.resume_run(RunId(1), inspection_by_ada(), START_PERMITTING_INTERLOCKS).map(drop);
 
 /// Until the first command has ended, no other command is accepted, so that nothing starts by itself afterwards.
 #[test]
@@ -120,8 +122,8 @@ fn halt_with_observer() -> (HaltHandle, impl Fn() -> bool) {
 #[test]
 fn acknowledgement_does_not_override_the_interlocks() {
     let (gate, _asks) = held_gate();
-    let stop = Interlocks { is_stop_set: true, ..ALL_INTERLOCKS_SET };
+    let stop = Interlocks { is_stop_set: true, ..START_PERMITTING_INTERLOCKS };
     assert_eq!(gate.resume_run(RunId(1), inspection_by_ada(), stop).map(drop), Err(Refusal::Stopped));
-    let not_free = Interlocks { is_start_enabled: false, ..ALL_INTERLOCKS_SET };
+    let not_free = Interlocks { is_start_enabled: false, ..START_PERMITTING_INTERLOCKS };
     assert_eq!(gate.resume_run(RunId(1), inspection_by_ada(), not_free).map(drop), Err(Refusal::NotEnabled));
 }

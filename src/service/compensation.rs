@@ -32,8 +32,8 @@ impl CommandGate {
 }
 
 impl MachineWorker {
-    /// Executes the job while the worker's thread waits: it has no other task while the machine waits for a start.
-    /// The command ends before the result is sent.
+    /// Executes the job while the worker's thread waits: it has no other task while the machine waits for a start. The
+    /// command ends before the result is sent. Without the machine's lock or after a panic, no result is sent.
     pub(super) fn execute_compensation(&self, job: CompensationJob, journal: &Journal) {
         let mut send_result = None;
         if let Some(lock) = &self.machine_lock {

@@ -58,6 +58,7 @@ pub struct ModbusServerConfig {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct HttpKeys {
+    /// Address and port to listen on; validation permits a loopback address only.
     listen: SocketAddr,
     /// Host names of the proxy in front of the page; permitted only with `tokens = true`.
     #[serde(rename = "names", default)]
@@ -99,6 +100,7 @@ impl TryFrom<HttpKeys> for HttpConfig {
     }
 }
 
+/// Keys of `[serve.line]`, before validation: exactly one of `serial`, `serial_id` and `tcp`; `baud` not with `tcp`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LineKeys {
@@ -108,7 +110,8 @@ struct LineKeys {
     tcp: Option<HostPort>,
 }
 
-/// The serial or TCP text interface, with lines such as `START 1 ENABLE AUTO DOOR`.
+/// The text interface, with lines such as `START 1 ENABLE AUTO DOOR`: a serial port, or a TCP server to which the
+/// daemon connects.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "LineKeys")]
 pub struct LineInterfaceConfig(pub LinkConfig);
@@ -127,14 +130,15 @@ impl TryFrom<LineKeys> for LineInterfaceConfig {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ServeKeys {
-    /// Minimum time between the end of a cycle and the start of the next, s.
+    /// Minimum time between the end of a cycle and the start of the next, s; default 5.
     min_interval_s: Option<f64>,
-    /// Maximum time between two events of a run, s; after that, the run counts as hung.
+    /// Maximum time between two events of a run, s; after that, the run counts as hung. Default 900.
     #[serde(rename = "patience_s")]
     event_timeout_s: Option<f64>,
-    /// Time from the end of a run for which its verdict stays valid, h; after that, the result is outdated.
+    /// Time from the end of a run for which its verdict stays valid, h; after that, the result is outdated. Default
+    /// 192.
     verdict_h: Option<f64>,
-    /// Conditions of an external start; without the key all of [`StartInterlock`].
+    /// Conditions of an external start, with `enable` at least; without the key all of [`StartInterlock`].
     demand: Option<Vec<StartInterlock>>,
     cycle: Vec<CycleConfig>,
     modbus: Option<ModbusServerConfig>,

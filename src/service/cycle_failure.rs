@@ -8,10 +8,13 @@ use crate::store::ArtefactRegisterError;
 /// Why a started or resumed cycle ended without an estimate.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum CycleFailure {
+    /// The method cannot be configured, or a device cannot be opened: this cycle has measured nothing.
     #[error(transparent)]
     Setup(#[from] SetupError),
+    /// The register of artefacts does not permit the run: this cycle has measured nothing.
     #[error(transparent)]
     Artefact(#[from] ArtefactRegisterError),
+    /// The run could not begin, its measurement is incomplete, or the measured run is not identified.
     #[error(transparent)]
     Cycle(#[from] CycleError),
 }

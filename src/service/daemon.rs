@@ -102,7 +102,8 @@ impl Service {
         self.workers.iter().map(|worker| worker.gate.clone()).collect()
     }
 
-    /// Serves until [`Service::shut_down_handle`] is triggered.
+    /// Serves until [`Service::shut_down_handle`] is triggered. Returns `RunHeld` if this end has interrupted the run
+    /// of at least one machine.
     ///
     /// # Errors
     /// The service cannot start; then no machine is served. Or the thread of a worker has panicked.
@@ -165,6 +166,7 @@ impl WorkerThread {
     }
 }
 
+/// Starts and runs a worker; sends to `ready` once whether the start has succeeded.
 fn run_worker(mut worker: MachineWorker, journal: &Arc<Journal>, ready: Sender<Result<(), ServeError>>) -> ExitState {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let started = runtime.map_err(ServeError::ThreadNotStarted).and_then(|runtime| {

@@ -13,6 +13,7 @@ use crate::setup::machine_file::{MachineFileError, TomlDocument};
 /// Permitted top-level sections of the daemon's file.
 const SECTION_NAMES: [&str; 3] = ["http", "machine", "retention"];
 
+/// One `[[machine]]` of the daemon's file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MachineEntry {
@@ -20,8 +21,10 @@ struct MachineEntry {
     file: PathBuf,
 }
 
-/// Configuration of `trued serve --config` (`trued.toml`), with the machine files that it names.
+/// Machines and settings of a daemon: of `trued serve --config` (`trued.toml`) with the machine files that it names, of
+/// one machine file, or built in.
 pub struct DaemonFile {
+    /// Machine files and their `[serve]`, in the order of the daemon's file.
     pub machines: Vec<(MachineFile, ServeConfig)>,
     /// `None`: no web page and no HTTP API.
     pub http_config: Option<HttpConfig>,
@@ -31,7 +34,8 @@ pub struct DaemonFile {
 
 impl DaemonFile {
     /// # Errors
-    /// This file or a machine file is invalid; the error gives file, line, key and remedy.
+    /// This file or a machine file is invalid, or a machine file has its own `[serve.http]`; the error gives file,
+    /// line, key and remedy.
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let document = TomlDocument::read(path)?;
         document.check_keys_are_known(&[], &SECTION_NAMES)?;
@@ -74,6 +78,7 @@ impl DaemonFile {
     }
 }
 
+/// Checks the method names in the machine file, and reads its `[serve]`.
 fn read_serve_section(machine: MachineFile) -> Result<(MachineFile, ServeConfig), MachineFileError> {
     machine.check_method_names(&methods::method_names())?;
     let config = machine.read_serve_section()?;

@@ -9,6 +9,7 @@ pub struct RunAwaitingInspection {
     pub run: RunId,
     /// Whether the axes must be homed first; a physical button cannot confirm that.
     pub may_have_lost_position: bool,
+    /// How the run ended, as a message for the person.
     pub failure: RunFailure,
 }
 

@@ -62,8 +62,10 @@ impl ServiceState {
 pub enum Refusal {
     #[error("a run is in progress")]
     Busy = 1,
+    /// The machine is held, or an unfinished run exists.
     #[error("the machine is held: inspect the machine, then acknowledge")]
     Held = 2,
+    /// The last cycle failed, and no person has acknowledged that yet.
     #[error("the last cycle failed and is not acknowledged")]
     Failed = 3,
     #[error("the configuration does not contain this cycle")]
@@ -74,26 +76,38 @@ pub enum Refusal {
     NotAuto = 6,
     #[error("a guard is open")]
     DoorOpen = 7,
+    /// The interlocks have no recent report.
     #[error("the inputs from the control are out of date")]
     Stale = 8,
+    /// The minimum pause since the end of the last cycle has not passed.
     #[error("the last cycle ended less than `min_interval_s` ago")]
     TooSoon = 9,
     #[error("the stop input is set")]
     Stopped = 10,
+    /// One write of coils contains the start of more than one cycle.
     #[error("one request contains the start of several cycles")]
     Several = 11,
+    /// The service starts or ends, another command is in progress, or the worker could not execute the command (in
+    /// time).
     #[error("the service is not ready")]
     NotReady = 12,
+    /// An acknowledgement or a resume without the confirmation that all axes are homed.
     #[error("the control may have lost its position: home all axes, then run `trued resume`")]
     PositionLost = 13,
+    /// Another process has the machine's lock.
     #[error("another program uses the machine")]
     UsedByOtherProgram = 14,
+    /// Nothing waits for a person: an acknowledgement while the machine is neither held nor failed, or a resume while
+    /// no run is held.
     #[error("there is nothing to acknowledge")]
     NothingToAcknowledge = 15,
+    /// A line of the text interface that is no valid command.
     #[error("the line is not a valid command")]
     Unreadable = 16,
+    /// A start without a person who can answer the prompts of the plan.
     #[error("the plan of this cycle has prompts: a person must start it and answer them")]
     PlanHasPrompts = 17,
+    /// An answer while no prompt is open, or a prompt of another step or repeat.
     #[error("this prompt is not open")]
     PromptNotOpen = 18,
     #[error("the register of artefacts permits no run")]
@@ -183,9 +197,11 @@ pub struct MachineState {
     pub progress_percent: u16,
     /// Verdict of the cycle in `cycle`; `None` until this cycle is completed.
     pub verdict: Option<Verdict>,
-    /// Number of the cycle that is running or ran last; 0 before the first.
+    /// Number of the cycle that is running or ran last; 0 before the first start, also while a run of an earlier
+    /// process is resumed.
     pub cycle: u16,
-    /// Number of the run of this cycle; 0 until the cycle has a run.
+    /// Number of the run of this cycle, 0 until the cycle has a run; after the start of the service, the unfinished run
+    /// that waits for a person.
     pub run: u32,
     /// Number of accepted starts since the service began, without resumes; wraps around.
     pub accepted_start_count: u16,
@@ -203,8 +219,8 @@ pub struct MachineState {
     pub step_label: String,
     /// Remaining machine time, s: the planned time, then as the run reports it; `None` if unknown.
     pub remaining_s: Option<f64>,
-    /// Number of touches and scans of the run that are in the journal, also those before a resume.
-    pub measured_step_count: u32,
+    /// Number of touches and scans of the run that are in the journal, each repeat counted, also those before a resume.
+    pub stored_touch_and_scan_count: u32,
     /// While the machine is held: whether another process holds its lock and may move it.
     pub is_locked_by_other_process: bool,
     /// Why the last cycle was not completed, and the remedy; `None` once the failure is acknowledged or resolved by
@@ -302,7 +318,7 @@ impl MachineState {
         self.estimated_parameters.clear();
         (self.is_locked_by_other_process, self.failure) = (false, None);
         (self.stage_name, self.step_label) = (String::new(), String::new());
-        (self.remaining_s, self.measured_step_count) = (expected_time_s, 0);
+        (self.remaining_s, self.stored_touch_and_scan_count) = (expected_time_s, 0);
         (self.open_prompt, self.live_values) = (None, None);
     }
 

@@ -29,6 +29,7 @@ pub struct Metrics {
     readings: Family<MetricLabels<1>, Counter>,
     /// Refused requests by machine and reason.
     refusals: Family<MetricLabels<2>, Counter>,
+    /// Cycles whose measurement ended by a failure of a link to the control or to a sensor, by machine.
     cycles_ended_by_link_error: Family<MetricLabels<1>, Counter>,
     /// By machine and state: 1 for the current state, 0 for the others.
     state: Family<MetricLabels<2>, Gauge>,

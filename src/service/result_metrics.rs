@@ -43,6 +43,7 @@ type FlagFamily<const N: usize> = Family<MetricLabels<N>, Gauge>;
 enum BaseUnit {
     Meters,
     Radians,
+    /// Without a dimension, for values in µm/m.
     Ratios,
     Seconds,
 }
@@ -73,6 +74,7 @@ impl BaseUnit {
 
 /// Gauges of the parameters in one base unit.
 struct ParameterGauges {
+    /// Values of identifiable parameters, by machine, method and symbol.
     values: GaugeFamily<3>,
     expanded_uncertainties: GaugeFamily<3>,
     /// Limits of the magnitude of the values; only parameters with a limit have one.
@@ -145,6 +147,7 @@ impl ResultMetrics {
         Self { registry, parameters_by_base_unit, parameter_verdicts, result_verdicts, measurement_times, temperatures }
     }
 
+    /// Adds the metrics of one result; of an outdated result only the time of its measurement.
     fn add_result(&self, NewestMethodResult { machine, result, outdated }: &NewestMethodResult) {
         let labels = [label("machine", machine), label("method", &result.method)];
         let ended_s = result.ended.as_duration().as_secs_f64();

@@ -18,6 +18,7 @@ use machine::record::event::RunEvent;
 /// Why a run cannot be resumed.
 #[derive(Debug, thiserror::Error)]
 enum ResumeError {
+    /// The machine's lock cannot be acquired, or the journal cannot be read or written.
     #[error(transparent)]
     Serve(#[from] ServeError),
     #[error(transparent)]
@@ -88,7 +89,7 @@ impl MachineWorker {
         let readings = resumable_run.stored_run.readings.iter();
         let stored_readings: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();
         self.gate.update_machine_state(|machine_state| {
-            machine_state.measured_step_count = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
+            machine_state.stored_touch_and_scan_count = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
         });
         let answers = self.gate.prompt_answer_source(self.max_event_interval());
         let ended = resumable_run.resume_and_identify(&devices, journal, answers, &mut publish).await;

@@ -20,6 +20,7 @@ const REMOVAL_PERIOD: Duration = Duration::from_secs(3600);
 /// Time between two checks whether all machines wait.
 const IDLE_CHECK_PERIOD: Duration = Duration::from_secs(10);
 
+/// Keys of `[retention]`, before validation.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RetentionKeys {

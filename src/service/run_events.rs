@@ -59,7 +59,7 @@ impl<'a> RunEventPublisher<'a> {
             RunEvent::PromptConfirmed { who, .. } => self.log.info(&format!("prompt answered by {who}")),
             RunEvent::ReadingStored { .. } | RunEvent::ScanStored { .. } => {
                 self.gate.update_machine_state(|machine_state| {
-                    machine_state.measured_step_count += 1;
+                    machine_state.stored_touch_and_scan_count += 1;
                     machine_state.counters.reading_count += 1;
                 });
             }

@@ -87,8 +87,8 @@ impl WorkerWatch {
         Self { machines, was_late: late }
     }
 
-    /// Logs each worker that no longer makes progress, and holds its machine: the hold reaches the control
-    /// independently of the hung thread. Returns whether all workers make progress.
+    /// Logs each worker that has stopped making progress since the last check, and holds its machine: the hold reaches
+    /// the control independently of the hung thread. Returns whether all workers make progress.
     fn hold_late_machines_and_check_all_live(&mut self, log: &Log) -> bool {
         for ((name, gate), was_late) in self.machines.iter().zip(&mut self.was_late) {
             let is_late = gate.is_progress_late();

@@ -243,7 +243,8 @@ impl MachineWorker {
         (state != ServiceState::Waiting && self.gate.is_ending()).then_some(ExitState::RunHeld)
     }
 
-    /// Logs why a cycle has no estimate, and returns how it ended.
+    /// Logs why a cycle has no estimate, and returns how it ended. A run whose identification was stopped is queued for
+    /// a later identification.
     fn log_failed_cycle(&mut self, failed: &CycleFailure, state_if_unopened: ServiceState) -> CycleEnd<'static> {
         let (state, outcome) = match failed {
             CycleFailure::Cycle(error) if error.holds_machine() => (ServiceState::Held, Some(CycleOutcome::Held)),

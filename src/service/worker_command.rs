@@ -12,6 +12,7 @@ use crate::store::{Journal, MachineLock, RunId};
 /// Commands to the worker. While a command is in progress, no other command is accepted.
 #[derive(Debug)]
 pub enum WorkerCommand {
+    /// Measures a new run of the configured cycle `cycle`.
     StartCycle {
         cycle: u16,
     },

@@ -36,6 +36,9 @@ use methods::Method;
 pub use simulator::interpreter::SimulationPace;
 
 /// The machine file at `path`; without a path, the built-in simulated machine for the method.
+///
+/// # Errors
+/// `method` is unknown, or the file is invalid, or it has settings or a prompt for an unknown method.
 pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {
     check_method_name(method)?;
     let file = match path {

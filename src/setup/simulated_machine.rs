@@ -20,7 +20,7 @@ pub struct SimulatedMachine<'a> {
 }
 
 impl<'a> SimulatedMachine<'a> {
-    /// The simulated machine of `file`; a real control is replaced by a simulated one.
+    /// The simulated machine of `file`; a real control is replaced by the default simulated one, grblHAL.
     ///
     /// # Errors
     /// The simulated world cannot be built.
@@ -51,10 +51,11 @@ impl<'a> SimulatedMachine<'a> {
         Ok(Devices::new(controller, dialect).with_sensors(self.file, world).with_control_server(served))
     }
 
-    /// Serves the simulated control on its wire until dropped. Call inside a tokio runtime.
+    /// Serves the simulated control until the returned server is dropped; grblHAL always on a new pseudo-terminal.
+    /// Call inside a tokio runtime.
     ///
     /// # Errors
-    /// The wire cannot be opened.
+    /// The wire cannot be opened, or `[[simulated.fault]]` is invalid.
     pub fn serve_control(&self, pace: SimulationPace) -> Result<SimulatedControlServer, SetupError> {
         Ok(self.control.serve(self.simulation_setup(pace)?)?)
     }
@@ -63,7 +64,7 @@ impl<'a> SimulatedMachine<'a> {
     /// time since the wire was connected.
     ///
     /// # Errors
-    /// The wire cannot be opened.
+    /// The errors of [`Self::serve_control`], or the control is not grblHAL.
     pub fn serve_control_with_faulty_wire(
         &self,
         pace: SimulationPace,

@@ -45,6 +45,10 @@ struct BallStem {
 }
 
 impl TrueBalls {
+    /// True balls at the true artefact temperature, with their distances set to the certified lengths.
+    ///
+    /// # Errors
+    /// There is no ball, or a ball has a centre or a radius that is not possible.
     pub fn new(stated: &artefact::Balls, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         let balls = stated.balls.iter().enumerate();
         let mut balls: Vec<TrueBall> = balls.map(|(i, ball)| TrueBall::new(i, ball, truth)).collect();
@@ -72,6 +76,7 @@ impl TrueBalls {
         self.balls.iter().fold(best, |best, ball| ball.nearer_surface(relative_point(ball), best))
     }
 
+    /// True centre of the ball at `index`, with its displacements up to `t_s`, table frame, mm.
     #[cfg(test)]
     pub fn centre(&self, index: usize, t_s: f64) -> Vector3<f64> {
         self.balls[index].centre + self.balls[index].displacement_at(t_s)
@@ -105,6 +110,7 @@ impl TrueBall {
         }
     }
 
+    /// Whether the centre is finite, and the radius is finite and exceeds the bound of the form deviation.
     fn is_valid(&self) -> bool {
         let centre = self.centre.iter().all(|coordinate| coordinate.is_finite());
         centre && self.radius > form_deviation_bound(&self.form_matrix) && self.radius.is_finite()

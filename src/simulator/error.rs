@@ -10,6 +10,7 @@ pub enum SimulatedWorldError {
     Kinematics(#[from] KinematicsError),
     #[error("[simulated]: {0}")]
     InvalidSymbol(#[from] InvalidErrorParameter),
+    /// `unit`: the unit that `key` must end with.
     #[error("[simulated] {key}: the unit after the symbol must be {unit}")]
     WrongUnit { key: String, unit: &'static str },
     #[error(
@@ -24,6 +25,7 @@ pub enum SimulatedWorldError {
         "[artefact]: at least one ball is required, each ball of positive radius; check also radius_offset_mm, diameter_um and form_um in [simulated]"
     )]
     InvalidBalls,
+    /// `kind`: the artefact to which the stated `key` applies.
     #[error("[simulated] {key} is valid only for an artefact of the kind \"{kind}\"; remove the key")]
     WrongArtefactKind { key: &'static str, kind: &'static str },
     #[error("[simulated] refers to ball `{id}`, but the artefact has no such ball; correct the id")]
@@ -34,6 +36,7 @@ pub enum SimulatedWorldError {
     UnknownSensor { name: String },
     #[error("[[sensor]] or [[simulated.sensor]]: `{name}` occurs twice; remove one")]
     DuplicateSensor { name: String },
+    /// `key`: the key with the impossible value, or several keys in words.
     #[error(
         "[[sensor]] or [[simulated.sensor]] `{name}`: the value of {key} is not possible for a sensor; correct the value"
     )]
@@ -46,10 +49,13 @@ pub enum SimulatedWorldError {
         "[[simulated.thermometer]] `{name}`: begins_c, warms_k and noise_k must be finite, and noise_k must not be negative"
     )]
     InvalidThermometer { name: String },
+    /// Rapid speed or acceleration of an axis is not positive.
     #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
     InvalidDynamics { axis: Axis },
+    /// A number is not finite, a magnitude is negative, an error wavelength is not positive, or a
+    /// `[[simulated.rotary_motion]]` has an axis that is not a rotary axis of the machine.
     #[error(
         "lengths, delays, noise, drift and backlash in [probe], [machine], [axes] and [simulated] must not be negative; error_wavelength_mm must be positive; every number must be finite"
     )]
-    InvalidMagnitude,
+    InvalidNumber,
 }

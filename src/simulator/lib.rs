@@ -81,8 +81,10 @@ pub struct MoveResult {
 pub struct ProbeResult {
     /// `None`: the move reached its target, and no contact was reported by the probe input.
     pub contact: Option<LatchedContact>,
-    /// Braking deflected the stylus beyond its overtravel.
+    /// The stylus was deflected beyond its overtravel while braking or, with a simulated input fault, on the way.
+    /// `false` as well if the wiring keeps the input from changing.
     pub has_crashed: bool,
+    /// Simulated duration of the move, braking included.
     pub duration_s: f64,
 }
 
@@ -111,7 +113,7 @@ pub struct SimulatedWorld {
     commanded_position: Position,
     lost_motion: LostMotion,
     true_wiring: TrueWiring,
-    /// Scatter of the current touch, mm; between two touches, that of the last touch.
+    /// Scatter of the current touch, mm, positive if the probe triggers later; between two touches, that of the last.
     current_touch_scatter_mm: f64,
     /// Whether a person deflects the stylus by hand.
     is_stylus_deflected: bool,
@@ -190,7 +192,7 @@ impl SimulatedWorld {
         self.true_wiring.is_probe_input_closed(self.is_in_contact())
     }
 
-    /// Whether the probe is truly closed.
+    /// Whether the probe is truly closed: deflected by hand, or in the spindle and in contact with the artefact.
     fn is_in_contact(&self) -> bool {
         if self.is_stylus_deflected {
             return true;
@@ -232,7 +234,7 @@ impl SimulatedWorld {
         let Some(path) = self.move_path_to(to, speed) else {
             return MoveResult { has_probe_closed: self.is_probe_closed(), ..MoveResult::default() };
         };
-        let has_touched = self.probe_closes_on_path(&path);
+        let has_touched = self.is_probe_closed_on_path(&path);
         let stylus_travel_left = |fraction| self.stylus_clearance_on_path(&path, fraction) + self.stylus_overtravel_mm;
         let has_crashed = first_zero_crossing_fraction(stylus_travel_left, path.max_stylus_travel_mm, 0.0).is_some();
         let duration_s = path.velocity_profile.duration_s();
@@ -300,8 +302,9 @@ impl SimulatedWorld {
         ProbeResult { contact: Some(contact), has_crashed, duration_s }
     }
 
-    /// Whether the probe closes during the move; if the move starts in contact, the probe must open first.
-    fn probe_closes_on_path(&self, path: &MovePath) -> bool {
+    /// Whether the probe is closed at the end of the move or closes on the way. If it is closed at the start, it must
+    /// open and close again to count, unless it never opens.
+    fn is_probe_closed_on_path(&self, path: &MovePath) -> bool {
         let margin = |fraction| self.trigger_distance_on_path(path, fraction);
         let max_slope_mm = path.max_stylus_travel_mm;
         let open = if margin(0.0) > 0.0 {

@@ -5,7 +5,8 @@ use super::sensor_truth::is_finite_and_non_negative;
 use super::truth::MachineTruth;
 use machine::record::machine::{Machine, Probe};
 
-/// Checks magnitudes and speeds against physical limits.
+/// Checks most numbers of machine, probe and truth, but not those of sensors, thermometers and rotary motions: all must
+/// be finite, magnitudes not negative, rapids, accelerations and error wavelengths positive. A sag needs a rotary axis.
 pub(super) fn check_magnitudes(
     machine: &Machine,
     probe: &Probe,
@@ -33,7 +34,7 @@ pub(super) fn check_magnitudes(
             return Err(SimulatedWorldError::InvalidDynamics { axis: *axis });
         }
         if spec.error_wavelength_mm <= 0.0 {
-            return Err(SimulatedWorldError::InvalidMagnitude);
+            return Err(SimulatedWorldError::InvalidNumber);
         }
     }
     for term in &truth.sag {
@@ -55,5 +56,5 @@ pub(super) fn check_magnitudes(
     let is_valid = stated.all(f64::is_finite)
         && ball_values.all(f64::is_finite)
         && magnitudes.into_iter().all(is_finite_and_non_negative);
-    if is_valid { Ok(()) } else { Err(SimulatedWorldError::InvalidMagnitude) }
+    if is_valid { Ok(()) } else { Err(SimulatedWorldError::InvalidNumber) }
 }

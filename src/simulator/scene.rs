@@ -187,7 +187,7 @@ fn draw_rotary_errors(machine: &Machine, truth: &MachineTruth) -> Result<Vec<Rot
     }
     for motion in &truth.rotary_motion {
         if !(motion.is_valid() && machine.axes.contains_key(&motion.axis)) {
-            return Err(SimulatedWorldError::InvalidMagnitude);
+            return Err(SimulatedWorldError::InvalidNumber);
         }
         rotary_errors.push(RotaryErrors::from_declaration(truth.seed, motion)?);
     }

@@ -29,6 +29,10 @@ pub(super) enum ArtefactSurface {
 }
 
 impl ArtefactSurface {
+    /// Draws the true surface of the artefact.
+    ///
+    /// # Errors
+    /// The artefact is impossible, or `truth` has a key for another kind of artefact or an unknown ball.
     pub fn new(artefact: &Artefact, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         match artefact {
             Artefact::Cylinder(cylinder) => {

@@ -9,12 +9,14 @@ use machine::{Axis, Position};
 pub struct SampleInMotion {
     /// Displayed position, at the time of output.
     pub displayed_position: Position,
+    /// Simulated time of the output; the sensor measured earlier by its latency.
     pub world_time_s: f64,
     pub output: SensorOutput,
 }
 
 impl SimulatedWorld {
-    /// Error motion, mm or rad, of the rotary axis along or about the axis `component` at the unwrapped angle, rad.
+    /// Synchronous error motion, mm or rad, of the rotary axis along or about the axis `component` at the unwrapped
+    /// angle, rad; without location errors.
     pub fn true_rotary_error_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
         self.scene.rotary_error_motion(axis, component, angle)
     }

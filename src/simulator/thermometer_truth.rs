@@ -30,6 +30,7 @@ impl Default for ThermometerTruth {
 const COUNTS_PER_K: f64 = 100.0;
 
 impl ThermometerTruth {
+    /// Whether all numbers are finite and the noise is not negative.
     fn is_valid(&self) -> bool {
         let all = [self.begins_c, self.warms_k, self.noise_k];
         all.into_iter().all(f64::is_finite) && self.noise_k >= 0.0

@@ -64,6 +64,7 @@ impl RegisteredArtefact {
         }
     }
 
+    /// Rejects the first text that is blank, too long or has control characters; `kind` may be absent.
     fn check_texts(&self) -> Result<(), ArtefactRegisterError> {
         let texts =
             [("name", Some(&self.name)), ("kind", self.kind.as_ref()), ("certificate", Some(&self.certificate))];
@@ -86,6 +87,7 @@ impl RegisteredArtefact {
 pub enum ArtefactRegisterError {
     #[error(transparent)]
     File(#[from] StateFileError),
+    /// `field`: `name`, `kind` or `certificate`.
     #[error("`{text}` is not a valid {field} of an artefact")]
     InvalidText { field: &'static str, text: String },
     #[error("there is no artefact `{0}` in the register")]
@@ -149,7 +151,7 @@ impl ArtefactRegister {
     /// Adds `artefact`, or replaces and returns the artefact of this name. If `kind` is `None`, the old kind is kept.
     ///
     /// # Errors
-    /// A text is empty, too long or has control characters, or the file cannot be written.
+    /// A text is blank, too long or has control characters, or the file cannot be read, locked or written.
     pub fn add(&self, mut artefact: RegisteredArtefact) -> Result<Option<RegisteredArtefact>, ArtefactRegisterError> {
         artefact.check_texts()?;
         let _lock = self.file.lock()?;
@@ -202,7 +204,10 @@ impl ArtefactRegister {
         }
     }
 
-    /// The artefact that `stated` names, if it is in the register.
+    /// The artefact that `stated` names; `None`: `stated` names none, or it is not in the register.
+    ///
+    /// # Errors
+    /// The register cannot be read, or `stated` has a certificate or due date although the artefact is registered.
     fn find_artefact(&self, stated: &ReportData) -> Result<Option<RegisteredArtefact>, ArtefactRegisterError> {
         let Some(name) = &stated.artefact else { return Ok(None) };
         let Some(artefact) = self.read_all()?.into_iter().find(|artefact| artefact.name == *name) else {

@@ -7,17 +7,17 @@ use serde::{Deserialize, Serialize};
 
 use super::{AwaitableWrite, Journal, RunId, StoreError, StoreFault, columns};
 
-/// A value of the control, before and after.
+/// A value of the control, before and after a compensation. A value that stays equal is not written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct CompensationChange {
-    /// Name at the control.
+pub struct CompensationValue {
+    /// Name of the value at the control.
     pub name: String,
     /// Value of the control before the write.
     pub before_mm: f64,
     /// The value before, as the control stated it. Empty: as `before_mm`, in journals before format 10.
     #[serde(default)]
     pub before_text: String,
-    /// Value to be written.
+    /// Value of the control after the write.
     pub after_mm: f64,
 }
 
@@ -63,7 +63,7 @@ impl CompensationState {
         !matches!(self, Self::Written | Self::Verified | Self::NotConfirmed | Self::Undone)
     }
 
-    /// Whether the earlier values are in the control again.
+    /// Whether the earlier values are in the control again, used already or only after its next start.
     pub fn is_undone(self) -> bool {
         matches!(self, Self::UndoneAwaitingRestart | Self::Undone)
     }
@@ -78,6 +78,7 @@ impl CompensationState {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("compensation {id} is unfinished: {}", self.reason())]
 pub struct UnfinishedCompensation {
+    /// Number of the compensation.
     pub id: i64,
     /// Kind of the values, as a key of `[compensation]`.
     pub target: String,
@@ -120,25 +121,29 @@ pub struct NewCompensation {
     pub who: String,
     /// SHA-256 of the approved proposal.
     pub proposal_sha256: String,
-    pub changes: Vec<CompensationChange>,
+    /// All values of the target, unchanged ones included.
+    pub changes: Vec<CompensationValue>,
 }
 
 /// A compensation with its last state.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StoredCompensation {
+    /// Number of the compensation.
     pub id: i64,
     pub machine: String,
     /// Kind of the values, as a key of `[compensation]`.
     pub target: String,
     /// Run whose estimate is the reason for the compensation.
     pub run: RunId,
-    pub changes: Vec<CompensationChange>,
+    /// All values of the target, unchanged ones included.
+    pub changes: Vec<CompensationValue>,
     pub state: CompensationState,
     /// Time at which the state was stored.
     pub at: Timestamp,
     /// Person who caused the state.
     pub who: String,
-    /// Run that verified the compensation in its last state; `None`: the last state is no verification.
+    /// Run whose comparison gave the last state, `Verified` or `NotConfirmed`; `None`: the last state has another
+    /// cause.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verified_by: Option<RunId>,
 }
@@ -161,12 +166,15 @@ impl StoredCompensation {
 /// Event in a history: the control began to use the values of a compensation, or the earlier values again.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompensationEvent {
+    /// Number of the compensation; its events have the same number.
     pub id: i64,
+    /// Kind of the values, as a key of `[compensation]`.
     pub target: String,
     /// Run whose estimate is the reason for the compensation, also if `is_undone`.
     pub run: RunId,
     /// Whether the earlier values are used again; `false`: the compensation took effect.
     pub is_undone: bool,
+    /// Time at which the journal stored that the control uses the values.
     pub at: Timestamp,
 }
 
@@ -184,7 +192,7 @@ impl Journal {
         self.submit_job(move |connection| insert_state(connection, id, state, &who, None))
     }
 
-    /// Adds the result of a verification by `run`.
+    /// Adds the result of a verification by `run`: `state` is `Verified` or `NotConfirmed`.
     pub fn set_compensation_verification(
         &self,
         id: i64,

@@ -80,6 +80,7 @@ fn open_and_identify_format(path: &Path, flags: OpenFlags) -> Result<(Connection
     Ok((connection, format))
 }
 
+/// Requests a journal mode of SQLite; returns the mode that is then in use, which may be another.
 fn set_journal_mode(connection: &Connection, mode: &str) -> Result<String, StoreFault> {
     Ok(connection.pragma_update_and_check(None, "journal_mode", mode, |row| row.get(0))?)
 }

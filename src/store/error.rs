@@ -11,7 +11,7 @@ use super::RunId;
 /// `errno` of a failing disk, the same on every Linux.
 const EIO: i32 = 5;
 
-/// A fault and the path of its journal. Acknowledged data is not lost.
+/// A fault, and the path of its journal or of the copy in a backup. Acknowledged data is not lost.
 #[derive(Debug, thiserror::Error)]
 #[error("journal {}: {fault}", path.display())]
 pub struct StoreError {
@@ -32,8 +32,10 @@ pub enum StoreFault {
     Locked,
     #[error("the disk reports an error: {0}")]
     DiskError(String),
+    /// Also: a row with a wrong checksum, or a value that cannot be read.
     #[error("the file is damaged: {0}")]
     Damaged(String),
+    /// `mark`: application ID in the header of the file.
     #[error("the file is not a journal of trued (application id {mark}, version {format})")]
     NotAJournal { mark: i32, format: i64 },
     #[error("a newer version of trued wrote the file (format {found}; this version supports formats up to {known})")]
@@ -44,6 +46,7 @@ pub enum StoreFault {
     Io(io::Error),
     #[error("the file does not exist")]
     JournalMissing,
+    /// The target of a copy exists.
     #[error("the file exists already")]
     FileExists,
     #[error("the journal has no run {0}")]

@@ -54,8 +54,8 @@ impl<T> Future for AwaitableWrite<T> {
 
 impl Journal {
     /// Opens or creates the journal in `dir` (which is created as well) and migrates its tables. A copy of a
-    /// journal of an older version is kept beside it. A file is refused and not changed if it is no journal, or
-    /// if its heads of runs, audit log, armings or schedules are damaged.
+    /// journal of an older version is kept beside it. A file is refused and not changed if it is no journal or has a
+    /// newer format, or if its heads of runs or a table outside of the runs (such as the audit log) is damaged.
     pub fn open(dir: &Path) -> Result<Self, StoreError> {
         Self::open_with_job_callback(dir, |_| {})
     }

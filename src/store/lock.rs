@@ -63,7 +63,7 @@ impl MachineLock {
     /// Locks the machine named `machine` for this process without waiting.
     ///
     /// # Errors
-    /// [`LockError::MachineInUse`] with the holder.
+    /// [`LockError::MachineInUse`] with the holder, or [`LockError::LockFileUnavailable`].
     pub fn acquire(state_dir: &Path, machine: &str) -> Result<Self, LockError> {
         let path = state_dir.join("locks").join(lock_file_name(machine));
         let unavailable = |source| LockError::LockFileUnavailable { path: path.clone(), source };
@@ -82,8 +82,8 @@ impl MachineLock {
         Ok(lock)
     }
 
-    /// Holder of the machine named `machine`, if there is one. The check does not disturb a process that
-    /// acquires the lock, except for an instant after a holder was killed.
+    /// Holder of the machine named `machine`; `None`: there is none, or the lock file cannot be read. The check does
+    /// not disturb a process that acquires the lock, except for an instant after a holder was killed.
     pub fn holder(state_dir: &Path, machine: &str) -> Option<LockHolder> {
         let path = state_dir.join("locks").join(lock_file_name(machine));
         let holder = serde_json::from_slice(&fs::read(&path).ok()?).ok()?;

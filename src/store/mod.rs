@@ -41,7 +41,7 @@ pub use artefact_register::{ArtefactRegister, ArtefactRegisterError, Certificate
 pub use audit::{AuditEntry, StoredAuditEntry};
 pub use backup::{BackupContent, backup};
 pub use compensation::{
-    CompensationChange, CompensationEvent, CompensationState, NewCompensation, StoredCompensation,
+    CompensationEvent, CompensationState, CompensationValue, NewCompensation, StoredCompensation,
     UnfinishedCompensation,
 };
 pub use error::{StoreError, StoreFault};

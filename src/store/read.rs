@@ -75,6 +75,9 @@ impl Journal {
     /// Calls `visit` with the selected estimate of each of the newest `runs_per_method` finished runs with an
     /// estimate of each method on `machine`, in the order of their numbers, oldest first. Only one estimate is in
     /// memory at a time, as the journal covers years.
+    ///
+    /// # Errors
+    /// The journal cannot be read, or a run has combined estimates only and `selection` is `LastOwn`.
     pub fn visit_finished_run_results(
         &self,
         machine: &str,
@@ -109,7 +112,7 @@ impl Journal {
         self.query(|connection| load_run(connection, run))
     }
 
-    /// Progress of a run, without its readings.
+    /// Progress of a run, without its readings except the last; checksums are not verified.
     pub fn load_run_progress(&self, run: RunId) -> Result<RunProgress, StoreError> {
         self.query(|connection| load_progress(connection, run))
     }

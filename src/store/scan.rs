@@ -25,12 +25,14 @@ struct StoredSample {
     sensor: Option<String>,
 }
 
+/// Whether the reading has no flag.
 fn is_none(flag: &ReadingFlag) -> bool {
     *flag == ReadingFlag::None
 }
 
 impl Journal {
-    /// Adds all samples of one scan as one row; without samples nothing is stored.
+    /// Adds all samples of one scan as one row, all with the step, repeat and temperatures of the first sample; without
+    /// samples nothing is stored.
     pub fn add_scan(&self, run: RunId, samples: &[Reading]) -> AwaitableWrite<()> {
         let samples = samples.to_vec();
         self.submit_job(move |connection| insert_scan(connection, run, &samples))

@@ -81,8 +81,8 @@ impl Journal {
         self.submit_job(move |connection| insert_arming(connection, &arming))
     }
 
-    /// Ends the armings of `machine`, of one cycle or of all. Returns how many armings ended; each end is an
-    /// entry in the audit log.
+    /// Ends the armings of `machine`, of one cycle or of all. Returns how many armings ended, among them those past
+    /// their `until`; each end is an entry in the audit log.
     pub fn disarm_cycles(&self, machine: &str, cycle: Option<u16>, who: &str, why: &str) -> AwaitableWrite<usize> {
         let [machine, who, why] = [machine, who, why].map(str::to_owned);
         self.submit_job(move |connection| {
@@ -106,7 +106,7 @@ impl Journal {
         self.query(|connection| select_last_armings(connection, machine))
     }
 
-    /// Names of all machines in the journal.
+    /// Names of all machines with a run, a schedule or an arming, each once.
     ///
     /// # Errors
     /// The journal cannot be read.

@@ -84,7 +84,7 @@ impl StateFile {
     /// returned file is dropped. Creates the folder.
     ///
     /// # Errors
-    /// The lock file cannot be created or opened.
+    /// The lock file cannot be created, opened, locked or given to the daemon's user.
     pub fn lock(&self) -> Result<File, StateFileError> {
         fs::create_dir_all(self.folder()).map_err(|error| self.file_error(error))?;
         let path = self.path.with_extension("lock");
@@ -102,7 +102,8 @@ impl StateFile {
     /// Replaces the file; on return, `content` is on the disk. Call this function under [`Self::lock`].
     ///
     /// # Errors
-    /// The file cannot be written; its previous content is unchanged.
+    /// The file cannot be written or given to the daemon's user; its previous content is unchanged, unless only the
+    /// last sync of the folder failed.
     pub fn replace(&self, content: &impl Serialize) -> Result<(), StateFileError> {
         let text = serde_json::to_string_pretty(content).map_err(|error| self.json_error(error))?;
         let (temporary_path, failed) = (self.path.with_extension("new"), |error| self.file_error(error));

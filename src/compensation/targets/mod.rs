@@ -28,7 +28,7 @@ pub fn open_target<'a>(
 }
 
 /// Whether the values of `kind` are read and written over the link of the control, which only the holder of the
-/// machine's lock may open. `kind`: as for [`open_target`].
+/// machine's lock may open; false also without a section for `kind`. `kind`: as for [`open_target`].
 pub fn needs_control_link(file: &MachineFile, kind: Option<&str>) -> bool {
     target_config(file, kind).is_ok_and(CompensationConfig::needs_control_link)
 }

@@ -63,6 +63,7 @@ impl<'a> WorkOffsetTarget<'a> {
         Ok(self.open_controller.get_or_init(|| devices.open_controller))
     }
 
+    /// Reads the slot, and stores whether the control uses it. Refused while the machine moves or a program runs.
     fn read_offset(&self) -> Result<WorkOffset, TargetError> {
         let offset = self.runtime.block_on(self.controller()?.read_work_offset(self.slot))?;
         self.is_selected.set(offset.is_selected);
@@ -121,7 +122,7 @@ impl CompensationTarget for WorkOffsetTarget<'_> {
         let value = |coordinate: &RotaryAxisCoordinate| {
             let axis = coordinate.component;
             let present_mm = zero_mm.iter().find(|(own, _)| *own == axis).map(|(_, mm)| *mm);
-            let present_mm = present_mm.ok_or(TargetError::NoSuchAxis { axis })?;
+            let present_mm = present_mm.ok_or(TargetError::NoWorkOffsetOfAxis { axis })?;
             let value = ControlValue { name: self.value_name(axis), present_mm, text: present_mm.to_string() };
             Ok((*coordinate, value))
         };

@@ -17,6 +17,7 @@ pub enum HalError {
     NotStarted { command: String, source: std::io::Error },
     #[error("`{command}` did not end within {} s", HALCMD_TIMEOUT.as_secs())]
     NoAnswer { command: String },
+    /// `reply`: text of the command on standard error.
     #[error("`{command}` failed: {reply}")]
     Failed { command: String, reply: String },
     #[error("pin {pin} is `{value}`, which is not a finite number")]

@@ -93,8 +93,8 @@ impl AxisMonitor {
         check_position(target, actual, |axis| self.tolerance(axis))
     }
 
-    /// Checks that the machine is at rest at `target`.
-    pub fn check_arrival(&self, target: &Position) -> Result<(), ControllerError> {
+    /// Checks that the last standstill position is `target`; nothing is read from the control.
+    pub fn check_standstill_position(&self, target: &Position) -> Result<(), ControllerError> {
         self.check_position(target, &self.standstill_position)
     }
 
@@ -108,12 +108,12 @@ impl AxisMonitor {
         check_contact_path(from, to, contact, |axis| self.tolerance(axis))
     }
 
-    /// Restricts a position to the axes of the machine.
+    /// Restricts a position to the axes of the machine file without the spindle.
     pub fn machine_axes_only(&self, position: &Position) -> Position {
         position.filter_axes(|axis| self.axes_without_spindle.contains(&axis))
     }
 
-    /// Returns `position` with the orientation of the spindle.
+    /// Returns `position` with the last commanded orientation of the spindle, if an orientation was commanded.
     pub fn with_spindle_orientation(&self, position: impl IntoIterator<Item = (Axis, f64)>) -> Position {
         position.into_iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect()
     }

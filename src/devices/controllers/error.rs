@@ -15,6 +15,7 @@ pub enum ControllerError {
     Modbus(#[from] ModbusError),
     #[error("no reply to `{line}` within {seconds} s")]
     NoAnswer { line: String, seconds: f64 },
+    /// Also a LinuxCNC program that stopped for no other known reason, with the messages of LinuxCNC in `reply`.
     #[error("the control replied `{reply}` to `{line}`: {meaning}")]
     LineRefused { line: String, reply: String, meaning: String },
     #[error("alarm {code}: {meaning}")]

@@ -75,18 +75,21 @@ pub trait ControllerConfig: fmt::Debug + Send + Sync {
     fn diagnose_connection<'a>(&'a self, request: ConnectionDiagnosisRequest<'a>) -> DiagnosisFuture<'a>;
 }
 
+/// Result of `ControllerConfig::open`.
 pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
 
+/// Result of `ControllerConfig::diagnose_connection`.
 pub type DiagnosisFuture<'a> = Pin<Box<dyn Future<Output = Vec<PossibleCause>> + Send + 'a>>;
 
 /// Properties of a control that is ready to move.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PreparedControl {
-    /// Name and version as reported, for the record.
+    /// Name and version as reported, or what is behind the link and its address, for the record.
     pub identity: String,
     /// How this control stops on a halt, and its worst-case travel, in words.
     pub stop_description: String,
-    /// Position of the machine, machine coordinates: every axis that the control reports.
+    /// Position of the machine, machine coordinates: at least the axes of the machine file without the spindle. Whether
+    /// it has further axes or the spindle's orientation depends on the control.
     pub position: Position,
     /// Form in which the driver requires the blocks.
     pub transmission: TransmissionForm,
@@ -98,7 +101,8 @@ pub struct PreparedControl {
 #[derive(Debug, Clone, PartialEq)]
 pub struct MachineSnapshot {
     pub is_probe_closed: bool,
-    /// Position of the machine, as in [`PreparedControl`].
+    /// Position of the machine, machine coordinates, mm and rad; some drivers add the commanded orientation of the
+    /// spindle.
     pub position: Position,
 }
 
@@ -155,7 +159,8 @@ pub trait ControllerDriver: Send + 'static {
     }
 }
 
-/// Refuses a block after a halt, and after a fault without a new preparation.
+/// Refuses a block after a halt, and while the control is not prepared: before the first preparation, after a fault,
+/// after an access to a work offset.
 fn require_prepared(is_prepared: bool, is_halt_requested: bool) -> Result<(), ControllerError> {
     match (is_halt_requested, is_prepared) {
         (true, _) => Err(ControllerError::Halted),
@@ -171,6 +176,7 @@ fn require_prepared(is_prepared: bool, is_halt_requested: bool) -> Result<(), Co
 pub struct HaltHandle {
     /// Set by the first halt and never reset.
     is_halt_requested: Arc<AtomicBool>,
+    /// Sends the hold at once, without blocking.
     send_hold: Arc<dyn Fn() + Send + Sync>,
 }
 
@@ -195,13 +201,16 @@ impl HaltHandle {
 /// Request to the driver's task, with the channel for its result.
 enum DriverRequest {
     Prepare(oneshot::Sender<Result<PreparedControl, ControllerError>>),
+    /// As `Prepare`, but a closed probe is accepted: see [`ControllerDriver::prepare_in_contact`].
     PrepareInContact(oneshot::Sender<Result<PreparedControl, ControllerError>>),
     Execute(ProvenBlock, oneshot::Sender<Result<MotionBlockOutcome, ControllerError>>),
     ReadSnapshot(oneshot::Sender<Result<MachineSnapshot, ControllerError>>),
+    /// The result is `None` if the machine file does not state how to switch tool centre point control.
     ReadToolCentre(oneshot::Sender<Result<Option<ToolCentreReading>, ControllerError>>),
     IdentifyDevice(oneshot::Sender<Result<DeviceInfo, ControllerError>>),
     RestoreModes(oneshot::Sender<Result<(), ControllerError>>),
     ReadWorkOffset(WorkOffsetSlot, oneshot::Sender<Result<WorkOffset, ControllerError>>),
+    /// Zero of the slot on some axes, machine coordinates, mm.
     WriteWorkOffset(WorkOffsetSlot, Vec<(Axis, f64)>, oneshot::Sender<Result<(), ControllerError>>),
 }
 
@@ -209,6 +218,7 @@ enum DriverRequest {
 pub struct Controller {
     requests: mpsc::Sender<DriverRequest>,
     halt: HaltHandle,
+    /// Whether a block with a feed motion returns the positions of the axes during the block.
     can_record_track: bool,
 }
 
@@ -250,7 +260,8 @@ impl Controller {
         self.send_request(DriverRequest::ReadSnapshot).await
     }
 
-    /// See [`ControllerDriver::read_tool_centre`].
+    /// Reads the tool centre as the control computes it; `None`: the machine file does not state how. See
+    /// [`ControllerDriver::read_tool_centre`].
     pub async fn read_tool_centre(&self) -> Result<Option<ToolCentreReading>, ControllerError> {
         self.send_request(DriverRequest::ReadToolCentre).await
     }
@@ -265,12 +276,14 @@ impl Controller {
         self.send_request(DriverRequest::RestoreModes).await
     }
 
-    /// See [`ControllerDriver::read_work_offset`].
+    /// Reads a work offset; refuses an active G92 and a rotation. Afterwards the control must be prepared before the
+    /// next block. See [`ControllerDriver::read_work_offset`].
     pub async fn read_work_offset(&self, slot: WorkOffsetSlot) -> Result<WorkOffset, ControllerError> {
         self.send_request(|answer| DriverRequest::ReadWorkOffset(slot, answer)).await
     }
 
-    /// See [`ControllerDriver::write_work_offset`].
+    /// Sets the zero of a work offset on these axes, machine coordinates, mm. Afterwards the control must be prepared
+    /// before the next block. See [`ControllerDriver::write_work_offset`].
     pub async fn write_work_offset(
         &self,
         slot: WorkOffsetSlot,
@@ -279,6 +292,7 @@ impl Controller {
         self.send_request(|answer| DriverRequest::WriteWorkOffset(slot, zero_mm, answer)).await
     }
 
+    /// Sends the request and waits for its result; an error if the driver's task has ended.
     async fn send_request<T>(
         &self,
         request: impl FnOnce(oneshot::Sender<Result<T, ControllerError>>) -> DriverRequest,

@@ -58,6 +58,7 @@ fn tcp_open_failure_diagnosis(address: &str, source: &std::io::Error) -> Possibl
     }
 }
 
+/// `devices`: folder that is searched for other ports.
 fn port_missing_diagnosis(address: &str, devices: &Path) -> PossibleCause {
     let there = list_serial_ports(devices);
     let others = match there.as_slice() {
@@ -128,7 +129,7 @@ fn port_in_use_diagnosis(address: &str) -> PossibleCause {
     PossibleCause::observed(format!("another program uses {address}"), evidence, remedy)
 }
 
-/// Number and name of a process that has `path` open, as far as this user may see it.
+/// Number and name of another process that has `path` open, as far as this user may see it.
 fn find_process_using_port(path: &Path) -> Option<(u32, String)> {
     let target = fs::canonicalize(path).ok()?;
     let own = std::process::id();

@@ -27,6 +27,7 @@ const GREETING_RETRY_INTERVAL: Duration = Duration::from_millis(300);
 const MODBUS_REPLY_TIMEOUT: Duration = Duration::from_millis(250);
 /// Unit number that a Modbus device on TCP answers if there is no gateway.
 const DEFAULT_TCP_UNIT: u8 = 255;
+/// Unit number that is tried at a serial port whose configured control is of another kind.
 const DEFAULT_RTU_UNIT: u8 = 1;
 
 /// Searches for a control of another kind than `configured_kind` at a serial port, at `baud` or another usual rate.

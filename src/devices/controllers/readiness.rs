@@ -5,15 +5,20 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReadinessItem {
     Units,
+    /// Whether the axes are homed.
     Homing,
     TravelLimits,
     FeedOverride,
     RapidOverride,
+    /// Offsets that shift the coordinates, such as G92 or a work offset.
     ActiveOffsets,
+    /// Whether a tool length offset is active.
     ToolLength,
     PlaneAndDistanceMode,
     SpindleStopped,
+    /// Whether the kinematics are in identity mode.
     Kinematics,
+    /// Whether other clients of the control can send commands.
     OtherClients,
     ProbeInput,
     ToolInSpindle,

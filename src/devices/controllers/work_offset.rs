@@ -15,6 +15,7 @@ const SLOT_NAMES: [&str; 9] = ["G54", "G55", "G56", "G57", "G58", "G59", "G59.1"
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(try_from = "String")]
 pub struct WorkOffsetSlot {
+    /// Index in `SLOT_NAMES`, from 0: the P number less 1.
     index: usize,
 }
 

@@ -66,7 +66,8 @@ fn parse_sample(line: &str) -> Option<Sample> {
     })
 }
 
-/// Answers requests from a capture, until the handle is dropped.
+/// Answers requests from a capture, until the handle is dropped. A sample for display gives an error, and all counts
+/// are 0.
 pub async fn replay_capture(capture: SensorRequestCapture, mut inbox: mpsc::Receiver<SensorRequest>) {
     let mut rejected = Ok(None);
     while let Some(request) = inbox.recv().await {
@@ -98,7 +99,7 @@ pub async fn replay_capture(capture: SensorRequestCapture, mut inbox: mpsc::Rece
     }
 }
 
-/// Returns the first sample of the watch that was not good.
+/// Returns the first sample of the watch that was not good; `None` if all were good.
 fn first_rejected_sample(
     capture: &SensorRequestCapture,
     is_good: &SamplePredicate,
@@ -110,6 +111,8 @@ fn first_or_exhausted_error<T>(all: Vec<T>) -> Result<T, SensorError> {
     all.into_iter().next().ok_or_else(capture_exhausted_error)
 }
 
+/// Parses all lines of the captured reply to `request`; an error if the capture has another request at this place, or
+/// if a line is unreadable.
 fn parse_captured_reply<T>(
     capture: &SensorRequestCapture,
     request: &str,

@@ -35,8 +35,8 @@ impl CounterTracker {
         self.has_lost_data = true;
     }
 
-    /// Records that samples between the last one and the next were not requested and do not count as missing. A next
-    /// sample with an unchanged count is still recognised as an old one.
+    /// Records that samples between the last one and the next were not requested and do not count as missing, and
+    /// forgets an earlier loss. A next sample with an unchanged count is still recognised as an old one.
     pub fn ignore_next_gap(&mut self) {
         (self.has_lost_data, self.ignores_next_gap) = (false, true);
     }
@@ -48,6 +48,7 @@ impl CounterTracker {
         self.may_have_wrapped = true;
     }
 
+    /// Number of samples that the sensor made although they were not requested, as far as the counter shows.
     pub fn unrequested_count(&self) -> u64 {
         self.unrequested_count
     }

@@ -14,12 +14,15 @@ pub enum SensorError {
     Can(#[from] CanError),
     #[error("no data from the sensor within {seconds} s")]
     Silent { seconds: f64 },
+    /// Samples arrive, but their counter never changes.
     #[error("the counter of the received samples never changes")]
     CounterFrozen,
+    /// The data do not match the machine file, or a capture is unusable.
     #[error("the data of the sensor do not match the machine file: {text}")]
     InvalidData { text: String, remedy: String },
     #[error("the machine has no sensor `{name}`")]
     UnknownSensor { name: String },
+    /// The sensor `name` is simulated, but the control is not.
     #[error("the sensor `{name}` is simulated, but the control is not")]
     NoSimulatedMachine { name: String },
     #[error("the sensor's task has ended")]

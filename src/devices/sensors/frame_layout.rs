@@ -20,6 +20,7 @@ pub struct FrameValueKeys {
     bit: u16,
     /// Width of the number, bits.
     width: u16,
+    /// Byte order; if absent, that of the whole frame.
     order: Option<Endianness>,
     #[serde(default)]
     signed: bool,
@@ -52,6 +53,7 @@ pub struct FrameCounterKeys {
     bit: u16,
     /// Width of the number, bits.
     width: u16,
+    /// Byte order; if absent, that of the whole frame.
     order: Option<Endianness>,
 }
 
@@ -65,6 +67,7 @@ pub struct FrameEncoderKeys {
     bit: u16,
     /// Width of the number, bits.
     width: u16,
+    /// Byte order; if absent, that of the whole frame.
     order: Option<Endianness>,
     /// Number of counts after which the count restarts; if absent, the capacity of its bits.
     round: Option<u64>,
@@ -82,6 +85,7 @@ pub struct FrameStatusKeys {
     /// Width of the number, bits.
     #[serde(default = "default_width")]
     width: u16,
+    /// Byte order; if absent, that of the whole frame.
     order: Option<Endianness>,
     is: Option<i64>,
     means: InvalidReason,
@@ -182,6 +186,7 @@ impl FrameLayout {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the frame has {received_bytes} bytes, but the layout needs {expected_bytes}")]
 pub struct FrameTooShort {
+    /// Minimum number of bytes that the layout needs.
     pub expected_bytes: usize,
     pub received_bytes: usize,
 }

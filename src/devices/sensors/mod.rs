@@ -63,6 +63,7 @@ pub trait SensorConfig: fmt::Debug + Send + Sync {
     ) -> OpenSensorFuture<'a>;
 }
 
+/// Result of `SensorConfig::open_sensor`.
 pub type OpenSensorFuture<'a> = Pin<Box<dyn Future<Output = Result<SensorHandle, SensorError>> + Send + 'a>>;
 
 /// One sample of a sensor.
@@ -75,7 +76,8 @@ pub struct Sample {
     /// `None`: valid; `Range`: out of range or no echo; `Saturated`: too much light; `Stale`: no sample came, or an
     /// old one; `Gap`: the value is valid, but samples before it are missing.
     pub flag: ReadingFlag,
-    /// Number of samples lost directly before this one, by the sensor's counter.
+    /// Number of samples lost directly before this one, by the sensor's counter; 0 without a counter, or for a Modbus
+    /// sensor without `counter.gaps`.
     pub lost_before_count: u32,
     /// Count of the rotary encoder at this sample, if the sensor sends it; less than
     /// [`SensorConfig::encoder_modulus`].
@@ -120,9 +122,9 @@ pub trait SensorDriver: Send + 'static {
 /// Number of consecutive stale samples after which a read ends; they are part of its result.
 const MAX_CONSECUTIVE_STALE_SAMPLES: u32 = 3;
 
-/// Time for which a sensor is read to determine its rate.
+/// Time for which a sensor is read to determine its rate; longer for a serial or Modbus sensor with a long timeout.
 const RATE_MEASUREMENT_TIME: Duration = Duration::from_millis(500);
-/// Number of samples after which the measurement of the rate ends early.
+/// Number of samples after which the measurement of the rate of a CAN or serial sensor ends early.
 const MAX_RATE_MEASUREMENT_SAMPLES: usize = 50;
 
 /// Whether a sample is good.
@@ -134,11 +136,13 @@ type RejectionAction = Box<dyn Fn() + Send>;
 enum SensorRequest {
     StartCapture(SensorRequestCapture),
     Prepare(oneshot::Sender<Result<SensorInfo, SensorError>>),
+    /// Number of samples to read.
     ReadSamples(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
     /// The channel reports that the watch has started; `EndWatch` returns its result.
     Watch(SamplePredicate, RejectionAction, oneshot::Sender<Result<(), SensorError>>),
     /// Returns the sample that was not good, if there was one.
     EndWatch(oneshot::Sender<Result<Option<Sample>, SensorError>>),
+    /// The sample is neither captured nor counted.
     SampleForDisplay(oneshot::Sender<Result<Sample, SensorError>>),
     Counters(oneshot::Sender<Result<SampleCounters, SensorError>>),
 }
@@ -164,7 +168,8 @@ impl SensorHandle {
         Self { name: name.into(), request_sender: requests }
     }
 
-    /// Starts to record all requests and answers in a capture.
+    /// Starts to record preparations, reads and watches with their replies in a capture. Errors and samples for display
+    /// are not recorded.
     ///
     /// # Errors
     /// The sensor's task has ended.
@@ -217,6 +222,7 @@ impl SensorHandle {
         self.request(SensorRequest::Counters).await
     }
 
+    /// Sends the request and waits for its result; an error if the sensor's task has ended.
     async fn request<T>(
         &self,
         request: impl FnOnce(oneshot::Sender<Result<T, SensorError>>) -> SensorRequest,
@@ -266,6 +272,7 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
     }
 }
 
+/// Returns the next `count` samples, none from before this call; ends early after three consecutive stale samples.
 async fn read_samples(driver: &mut impl SensorDriver, count: u32) -> Result<Vec<Sample>, SensorError> {
     driver.discard_old_samples().await?;
     let (mut samples, mut consecutive_silence_count) = (Vec::new(), 0);

@@ -16,6 +16,7 @@ pub trait NumberLocation: Copy {
 
     /// Reads the number as it was sent, before scale and offset.
     fn read_number(self, data: Self::Data<'_>) -> Result<f64, Self::Error>;
+    /// Reads the number of a counter or of an encoder as it was sent.
     fn read_integer(self, data: Self::Data<'_>) -> Result<i128, Self::Error>;
     /// Whether the condition is met, so that the value is invalid.
     fn is_met(condition: &Self::Condition, data: Self::Data<'_>) -> bool;

@@ -32,13 +32,11 @@ pub enum DrawDistribution {
 /// Rule for the number of Monte Carlo trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrialCount {
+    /// This number of trials, whether the results are stable or not.
     Fixed(usize),
     /// Blocks of 10⁴ trials until means, standard deviations and interval ends of all outputs are stable to
     /// `digits` significant digits of the standard deviation (JCGM 101, 7.9), or `max` trials.
-    Adaptive {
-        digits: u32,
-        max: usize,
-    },
+    Adaptive { digits: u32, max: usize },
 }
 
 impl TrialCount {
@@ -65,6 +63,7 @@ pub struct TrialStatistics {
     pub shortest_interval: Vec<[f64; 2]>,
 }
 
+/// Contains the number of trials.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0} trials are too few to compute a scatter; set at least 2, better 10 000")]
 pub struct TooFewTrials(pub usize);
@@ -146,7 +145,8 @@ fn compute_block(
     TrialBlockStatistics::new(values)
 }
 
-/// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`.
+/// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`; 0 if `u` is not positive
+/// and finite.
 pub fn numerical_tolerance(u: f64, digits: u32) -> f64 {
     if u > 0.0 && u.is_finite() { 0.5 * 10_f64.powi(u.log10().floor() as i32 + 1 - digits as i32) } else { 0.0 }
 }

@@ -96,8 +96,9 @@ impl MergedTrialBlocks {
         self.blocks.push(block);
     }
 
-    /// Stopping rule (JCGM 101, 7.9.4): for every output, twice the standard deviation of each block average (of
-    /// mean, standard deviation and both ends of the symmetric interval) is within the numerical tolerance.
+    /// Stopping rule (JCGM 101, 7.9.4): there are at least two blocks, and for every output, twice the standard
+    /// deviation of each block average (of mean, standard deviation and both ends of the symmetric interval) is within
+    /// the numerical tolerance.
     pub(super) fn is_stable(&self, digits: u32) -> bool {
         self.blocks.len() >= 2
             && (0..self.mean.len()).all(|j| {

@@ -102,6 +102,7 @@ impl Damping {
         v.iter().zip(&self.unknown_scales).map(|(v, s)| (v * s).powi(2)).sum::<f64>().sqrt()
     }
 
+    /// `decrease_ratio`: decrease of χ² by the step, divided by the predicted decrease.
     fn decrease_lambda(&mut self, decrease_ratio: f64) {
         self.lambda *= (1.0 - (2.0 * decrease_ratio - 1.0).powi(3)).max(1.0 / 3.0);
         self.lambda_growth = 2.0;

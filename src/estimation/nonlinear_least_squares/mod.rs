@@ -100,6 +100,7 @@ struct LeastSquaresModel<R, S> {
 /// A model evaluated at `x`.
 struct ModelPoint {
     x: Vec<f64>,
+    /// Weighted residuals: measured less model.
     residuals: Vec<f64>,
     /// Sum of squares of `residuals`.
     residual_square_sum: f64,
@@ -117,6 +118,7 @@ impl<R, S: Fn(&[f64]) -> Vec<f64>> LeastSquaresModel<R, S> {
 }
 
 impl ModelPoint {
+    /// The solution at this point; an error if the rows do not determine all unknowns.
     fn into_solution(
         self,
         factored: BlockFactorisation,

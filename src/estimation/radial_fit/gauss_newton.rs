@@ -67,7 +67,8 @@ fn step_size_in_uncertainties(step: &LinearSolution) -> f64 {
     parts.fold(0.0, f64::max)
 }
 
-/// Minimiser of Σ(|p − c|² − r²)², for points relative to their mean.
+/// Centre c, in the coordinates of `points`, that minimises Σ(|p − c|² − r²)². Points on one line (D = 2) or in one
+/// plane (D = 3) are an error.
 fn algebraic_centre<const D: usize>(points: &[[f64; D]]) -> Result<[f64; D], RadialError> {
     let count = points.len();
     let mean: [f64; D] = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / count as f64);

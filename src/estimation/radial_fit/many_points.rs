@@ -11,7 +11,7 @@ use super::{RadialFit, STEP_TOLERANCE};
 
 /// Minimum number of points. Fewer are fitted by [`fit_gauss_newton`].
 const MIN_POINT_COUNT_FOR_SUMS: usize = 1024;
-/// Number of points for the initial value.
+/// Minimum number of points, evenly spaced in their order, for the initial value.
 const INITIAL_FIT_POINT_COUNT: usize = 256;
 /// Maximum number of steps. Points that resemble a circle or sphere need no more.
 const MAX_STEP_COUNT: usize = 12;
@@ -135,6 +135,7 @@ fn step_covariance<const D: usize>(
     })
 }
 
+/// Computes the residuals of all points, and turns the covariance back to the frame of the points.
 fn finish_fit<const D: usize>(points: &[[f64; D]], frame: &StepFrame<D>, step: FitStep<D>) -> RadialFit<D> {
     let mut residuals = vec![0.0; points.len()];
     let blocks = points.par_chunks(POINTS_PER_BLOCK).zip(residuals.par_chunks_mut(POINTS_PER_BLOCK));

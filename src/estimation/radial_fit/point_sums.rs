@@ -23,6 +23,7 @@ pub(super) struct PointSums<const D: usize> {
     pub direction_sum: [f64; D],
     /// Sums of products of direction components; only the entries on and above the diagonal are used.
     pub direction_product_sum: [[f64; D]; D],
+    /// Sum of direction times residual.
     pub direction_residual_sum: [f64; D],
     pub residual_sum: f64,
 }

@@ -79,6 +79,7 @@ struct CalibrationEquations<'a> {
     data_rows: Vec<usize>,
     /// Cross sections with radial sensors, ascending.
     cross_section_indices: Vec<Option<usize>>,
+    /// Pairs of cross section and mounting with rows of radial sensors, ascending.
     mountings: Vec<MountingKey>,
 }
 

@@ -26,6 +26,7 @@ pub struct HarmonicScatter {
 /// Harmonics of all rows with their scatter: the input of the estimation.
 #[derive(Debug, Clone)]
 pub struct HarmonicData {
+    /// Channel and mounting of each row.
     pub row_keys: Vec<ChannelAtMounting>,
     /// Number of revolutions in the mean of each row.
     pub revolution_counts: Vec<usize>,
@@ -107,7 +108,7 @@ impl HarmonicData {
         }
     }
 
-    /// The data of the rows for which `is_selected` is true.
+    /// The data of the rows for which `is_selected` is true. The scatter is not changed.
     pub fn filter_rows(&self, is_selected: impl Fn(&ChannelAtMounting) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.row_keys.len()).filter(|i| is_selected(&self.row_keys[*i])).collect();
         Self {
@@ -218,11 +219,13 @@ pub enum RevolutionsError {
     #[error(
         "the revolutions have different numbers of samples, or {samples} samples are too few for {orders} harmonics"
     )]
+    /// `samples`: number in the first revolution. `orders`: number of requested harmonics.
     UnusableSampleCount { samples: usize, orders: usize },
     #[error(
         "channel {} at index {} has two sets of revolutions, or a different number of revolutions than the other channels",
         .0.channel_index, .0.mounting_index
     )]
+    /// The channel occurs twice at this mounting, or has another number of revolutions than a channel there.
     InconsistentChannelRevolutions(ChannelAtMounting),
 }
 

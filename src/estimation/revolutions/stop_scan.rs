@@ -24,12 +24,12 @@ pub struct StopScan {
 }
 
 impl StopScan {
-    /// Index of the stop at an unwrapped angle.
+    /// Index of the stop nearest to an unwrapped angle; index 0 is at angle 0.
     pub fn stop_index(self, angle_rad: f64) -> i64 {
         (angle_rad.to_degrees() / 360.0 * self.stops_per_revolution as f64).round() as i64
     }
 
-    /// Whether all samples are at stops and none is between two stops.
+    /// Whether all samples, the invalid ones included, are at stops and none is between two stops.
     pub fn has_all_samples_at_stops(self, samples: &[AngleSample]) -> bool {
         let step = TAU / self.stops_per_revolution as f64;
         let is_at_stop = |angle: f64| (angle / step - (angle / step).round()).abs() < MAX_OFFSET_FROM_STOP_STEPS;

@@ -32,6 +32,7 @@ const MAX_QUEUED_FRAMES: usize = 4096;
 /// One event from the bus.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CanEvent {
+    /// A frame of the own identifier (of the receiver).
     Frame(CanFrame),
     /// The interface is down or gone, with the reason. The receiver thread reopens the interface once it is up again.
     InterfaceDown(String),
@@ -51,6 +52,7 @@ pub enum CanEvent {
 type FrameGenerator = Box<dyn FnMut() -> Option<CanFrame> + Send>;
 
 enum FrameSource {
+    /// Events from the thread that reads the bus, or from the task given to `CanReceiver::from_events`.
     Events(mpsc::Receiver<CanEvent>),
     Generator(FrameGenerator),
 }
@@ -63,7 +65,7 @@ pub struct CanReceiver {
 
 impl CanReceiver {
     /// Opens `interface` and receives frames of `id`. The time of a frame is the time of `clock` at which the
-    /// kernel received it.
+    /// kernel received it. An interface that is down can be opened: `CanEvent::InterfaceDown` reports the state.
     ///
     /// # Errors
     /// The kernel has no CAN, or the interface does not exist.

@@ -38,8 +38,10 @@ pub(super) fn start_receiver_thread(
     Ok(receiver)
 }
 
+/// State of the thread that reads the frames of one interface.
 struct SocketOwner {
     interface: String,
+    /// The own identifier: only its frames are passed to the reader.
     id: CanId,
     timestamp_converter: TimestampConverter,
     event_sender: mpsc::Sender<CanEvent>,
@@ -120,7 +122,7 @@ impl SocketOwner {
         None
     }
 
-    /// Puts a frame into the queue; counts the frame as lost if the queue is full.
+    /// Reports frames lost before, then puts `frame` into the queue; without room for both, `frame` counts as lost.
     fn queue_frame(&mut self, frame: CanFrame) {
         if self.unreported_lost_frames > 0
             && self.event_sender.try_send(CanEvent::LostFrames(self.unreported_lost_frames)).is_ok()

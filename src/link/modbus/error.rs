@@ -11,6 +11,7 @@ pub enum ModbusError {
     OpenFailed(#[from] LinkError),
     #[error("{request}: the device refuses function {function} with exception {code} ({})", exception_name(*code))]
     ExceptionReply { request: String, function: u8, code: u8 },
+    /// No reply within `timeout`: the device's time limit, or the shorter limit after a hold over TCP.
     #[error("{request}: no reply within {:.1} s", timeout.as_secs_f64())]
     Timeout { request: String, timeout: Duration },
     #[error("{request}: the reply does not match the request: {why}")]

@@ -74,7 +74,7 @@ impl ModbusExchange {
         self.send_request(access, settings).await
     }
 
-    /// Like `perform`, without clearing the line first: a hold does not wait.
+    /// Like `perform`, without the test reads that clear the line. RTU still waits for the silence between two frames.
     pub(super) async fn perform_urgent(&mut self, access: &RegisterAccess, settings: &DeviceSettings) {
         // A failure is not reported: only the device can show whether the write has arrived.
         if self.prepare_connection().await.is_ok() {
@@ -128,7 +128,11 @@ impl ModbusExchange {
         self.pending_replies.retain(|reply| reply.unit != unit);
     }
 
-    /// RTU: sends a read whose reply differs from all pending replies of the unit. None of them can follow that reply.
+    /// RTU: if replies of the unit are pending, sends test reads whose reply differs from all of them. None of them can
+    /// follow that reply.
+    ///
+    /// # Errors
+    /// `LineNotCleared`: replies may still arrive, after all test reads or because a hold interrupts.
     async fn clear_line(&mut self, access: &RegisterAccess, settings: &DeviceSettings) -> Result<(), ModbusError> {
         let unit = settings.unit;
         let mut why = String::new();

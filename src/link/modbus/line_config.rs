@@ -11,6 +11,7 @@ use crate::address::open_stream;
 use crate::link_mode::LinkBackend;
 use crate::{LinkConfig, LinkError};
 
+/// Parity bit of a serial line. A machine file without the key `parity` means even (`ModbusLineConfig::from_keys`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Parity {

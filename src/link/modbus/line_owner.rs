@@ -59,6 +59,7 @@ impl LineOwner {
         }
     }
 
+    /// Performs one access and sends the result to its caller. A write is refused while a hold is active.
     async fn handle_access(&mut self, job: QueuedAccess) {
         let QueuedAccess { access, settings, needs_read_back: read_back, reply_sender: reply } = job;
         let result = match access.is_write() {
@@ -70,7 +71,7 @@ impl LineOwner {
         let _ = reply.send(result);
     }
 
-    /// Writes, then reads back.
+    /// Writes, then reads back and compares; returns the values read.
     async fn write_and_verify(
         &mut self,
         access: &RegisterAccess,

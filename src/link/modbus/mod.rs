@@ -75,6 +75,7 @@ pub struct DeviceSettings {
     pub unit: u8,
     /// Maximum time until the reply.
     pub timeout: Duration,
+    /// Registers that this program may access; other requests are refused before they are sent.
     pub access_list: AccessList,
 }
 
@@ -118,7 +119,8 @@ struct UrgentWrite {
 }
 
 impl UrgentWriteSender {
-    /// Sends the write. Every other write, queued or later, is refused ([`ModbusError::HoldActive`]). Reads continue.
+    /// Sends the write. Ordinary writes to all devices of the line, queued or later, are refused
+    /// ([`ModbusError::HoldActive`]); reads and further urgent writes continue.
     pub fn send_and_refuse_ordinary_writes(&self) {
         let _ = self.urgent_queue.send(UrgentWrite { access: self.access.clone(), settings: self.settings.clone() });
     }
@@ -182,6 +184,8 @@ impl ModbusClient {
         Ok(UrgentWriteSender { access, settings, urgent_queue: queue })
     }
 
+    /// Checks the access list, queues the access, and waits for its result. A queued access is performed even if the
+    /// caller no longer waits.
     async fn perform(&self, access: RegisterAccess, needs_read_back: bool) -> Result<Vec<u16>, ModbusError> {
         self.settings.access_list.check_access(&access)?;
         let ended = || ModbusError::LinkThreadEnded { link: self.line.name.clone() };

@@ -75,8 +75,8 @@ impl RegisterAccess {
         ReplyShape { unit, function_code: function, read_byte_count: byte_count }
     }
 
-    /// Register values of a reply. Checks that the reply has the requested count; for a write, that it echoes
-    /// address and count. tokio-modbus compares unit, transaction and function.
+    /// Register values of a reply; empty for a write. Checks that the reply has the requested count; for a write, that
+    /// it echoes address and count. tokio-modbus compares unit, transaction and function.
     ///
     /// # Errors
     /// [`ModbusError::UnexpectedReply`].

@@ -18,7 +18,8 @@ impl UrgentQueue {
         Self { incoming, received_writes: VecDeque::new() }
     }
 
-    /// Waits until an urgent write is queued. Cancel safe.
+    /// Waits until an urgent write is queued, without removing the write. Never returns once all senders are dropped.
+    /// Cancel safe.
     pub(super) async fn wait_for_write(&mut self) {
         if self.has_write() {
             return;

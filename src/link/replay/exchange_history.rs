@@ -7,6 +7,7 @@ use super::CapturedReply;
 /// A command, and the data received until the next command.
 #[derive(Default)]
 pub(super) struct CommandExchange {
+    /// Bytes of the command; empty in the first exchange of a link.
     pub(super) command: Vec<u8>,
     /// Data received until the next command, without the replies to queries.
     pub(super) replies: Vec<CapturedReply>,
@@ -33,7 +34,7 @@ impl ExchangeHistory {
         self.exchanges.push(CommandExchange { command, ..CommandExchange::default() });
     }
 
-    /// Adds a captured reply to `query`.
+    /// Adds a captured reply to `query` to the exchange of the last captured command.
     pub(super) fn push_query_reply(&mut self, query: &[u8], reply: Vec<CapturedReply>) {
         if let Some(exchange) = self.exchanges.last_mut() {
             exchange.query_replies.entry(query.to_owned()).or_default().push(reply);

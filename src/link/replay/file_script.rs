@@ -27,6 +27,8 @@ impl FileScript {
 }
 
 impl LinkScript for FileScript {
+    /// Bytes without a line feed are the name of a file that is read. Others are a written file, which must be the next
+    /// captured one.
     fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, ReplayError> {
         if bytes.is_empty() {
             return Ok(Vec::new());

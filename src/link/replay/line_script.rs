@@ -83,6 +83,8 @@ fn is_query(command: &[u8]) -> bool {
 }
 
 impl LinkScript for LineScript {
+    /// Replies to all commands that `bytes` completes. The first call also returns the lines that the device sent
+    /// before the first command.
     fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, ReplayError> {
         let mut replies = Vec::new();
         if !std::mem::replace(&mut self.has_replayed_initial_lines, true) {

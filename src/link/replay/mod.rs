@@ -61,7 +61,7 @@ struct CapturedReply {
 /// Replay of one link: takes sent bytes, returns the captured replies.
 trait LinkScript: Send {
     /// # Errors
-    /// The command is not in the capture.
+    /// A command is not the next one of the capture, or a query has no captured reply.
     fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, ReplayError>;
 }
 
@@ -85,7 +85,7 @@ impl CaptureReplay {
         Ok(Self { remaining_links: Arc::new(Mutex::new(links)), now_s: Arc::default() })
     }
 
-    /// Clock that runs with the times of the capture.
+    /// Clock of the replay: the capture time of the latest reply so far; it stands still between replies.
     pub fn clock(&self) -> Arc<dyn Clock> {
         Arc::new(self.clone())
     }
@@ -138,6 +138,7 @@ struct ReplayState {
     script: Option<Box<dyn LinkScript>>,
     /// Replies that are not yet read.
     reply_bytes: VecDeque<u8>,
+    /// First deviation from the capture; later reads return it.
     failure: Option<ReplayError>,
     reader_waker: Option<Waker>,
 }
@@ -150,7 +151,7 @@ impl LinkReplay {
     /// Passes sent bytes to the replay, and removes and returns all replies that are not yet read.
     ///
     /// # Errors
-    /// The command is not in the capture.
+    /// These or earlier bytes deviate from the capture: the first deviation ends the replay of the link.
     pub(super) fn exchange(&self, bytes: &[u8]) -> io::Result<Vec<u8>> {
         self.process_sent_bytes(bytes);
         let mut state = lock(&self.state);

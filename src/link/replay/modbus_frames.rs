@@ -39,6 +39,7 @@ impl Framing {
         frames
     }
 
+    /// Adds the envelope to `body`: the MBAP header, or on RTU the CRC (`transaction` is then ignored).
     pub(super) fn build_frame(self, transaction: u16, body: &[u8]) -> Vec<u8> {
         match self {
             Self::Rtu => [body, &MODBUS_CRC.checksum(body).to_le_bytes()].concat(),

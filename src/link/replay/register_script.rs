@@ -92,6 +92,7 @@ impl RegisterScript {
     }
 }
 
+/// Stores a captured reply. The reply to a write belongs to the last captured write that equals `request`.
 fn store_reply(history: &mut ExchangeHistory, request: &[u8], reply: CapturedReply) {
     if is_read_request(request) {
         history.push_query_reply(request, vec![reply]);
@@ -101,6 +102,7 @@ fn store_reply(history: &mut ExchangeHistory, request: &[u8], reply: CapturedRep
 }
 
 impl LinkScript for RegisterScript {
+    /// Replies to all requests that `bytes` completes, with the transaction numbers of these requests.
     fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, ReplayError> {
         self.sent_bytes.extend(bytes);
         let mut replies = Vec::new();

@@ -58,7 +58,7 @@ impl BodyShape {
     }
 }
 
-/// All bodies of an artefact; those that the probe touches come first.
+/// Bodies of an artefact, without stems that are not declared; those that the probe touches come first.
 pub fn artefact_bodies(artefact: &Artefact) -> Vec<ArtefactBody> {
     match artefact {
         Artefact::Cylinder(cylinder) => vec![cylinder_body(cylinder)],

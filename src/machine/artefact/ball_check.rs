@@ -45,6 +45,7 @@ pub fn check_balls(balls: &Balls) -> CheckResult {
     })
 }
 
+/// Checks of one entry; a fault contains this entry.
 struct EntryCheck(ArtefactEntry);
 
 impl EntryCheck {

@@ -70,7 +70,7 @@ impl CarrierChain {
         self.joints.iter().map(|joint| joint.axis)
     }
 
-    /// Whether the same axes move both carriers.
+    /// Whether the same axes, in the same order, move both carriers.
     pub fn has_same_axes_as(&self, other: &Self) -> bool {
         self.axes().eq(other.axes())
     }

@@ -103,6 +103,7 @@ impl FromStr for ErrorParameter {
     }
 }
 
+/// `None`: the text does not have the form of a name; error: `ErrorParameter::new` refuses the combination.
 fn parse_error_parameter(text: &str) -> Option<Result<ErrorParameter, InvalidErrorParameter>> {
     let name = text.strip_prefix("E_").or_else(|| text.strip_prefix('E'))?;
     let (head, suffix) = name.split_once('_').map_or((name, None), |(head, suffix)| (head, Some(suffix)));
@@ -117,6 +118,7 @@ fn parse_error_parameter(text: &str) -> Option<Result<ErrorParameter, InvalidErr
     Some(ErrorParameter::new(component, axis, shape))
 }
 
+/// Shape from the part of the name after `_`, such as `sin2`, `cos2` or `3/36`.
 fn parse_error_motion(suffix: &str) -> Option<ErrorShape> {
     if let Some(n) = suffix.strip_prefix("sin") {
         return n.parse().ok().map(ErrorShape::Sin);

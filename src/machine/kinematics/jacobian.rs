@@ -44,7 +44,7 @@ impl KinematicChain {
 struct JointPoses<'a> {
     joint: &'a Joint,
     carrier_pose: Pose,
-    carrier_pose_with_errors: Pose,
+    pose_before_joint_motion: Pose,
 }
 
 /// All joints of a branch, and the pose of its end.
@@ -56,7 +56,7 @@ fn joint_poses_and_branch_pose<'a>(
     let mut carrier_pose = Pose::identity();
     let poses_of_joint = |joint: &'a Joint| {
         let pose_with_location_errors = carrier_pose * joint.error_pose(position, errors);
-        let joint_poses = JointPoses { joint, carrier_pose, carrier_pose_with_errors: pose_with_location_errors };
+        let joint_poses = JointPoses { joint, carrier_pose, pose_before_joint_motion: pose_with_location_errors };
         carrier_pose = pose_with_location_errors * joint.pose_with_gains(position, errors);
         joint_poses
     };
@@ -65,7 +65,7 @@ fn joint_poses_and_branch_pose<'a>(
 
 /// Derivative of the point `tip`, which moves with the joint, by `parameter` of the joint; machine frame.
 fn tip_derivative_by_parameter(
-    JointPoses { joint, carrier_pose, carrier_pose_with_errors: pose_with_location_errors }: &JointPoses<'_>,
+    JointPoses { joint, carrier_pose, pose_before_joint_motion: pose_with_location_errors }: &JointPoses<'_>,
     parameter: ErrorParameter,
     position: &Position,
     errors: &[ErrorTerm],

@@ -25,7 +25,8 @@ pub use z_parallel_table_axis::ZParallelTableAxis;
 
 use crate::Axis;
 
-/// Error: the kinematics cannot be built; the message contains what to change.
+/// Error: the kinematics cannot be built or solved, or the machine does not have a stated parameter or axis. The
+/// message contains what to change.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KinematicsError {
     #[error(transparent)]

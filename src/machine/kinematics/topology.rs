@@ -35,10 +35,13 @@ impl Topology {
         self.axes().any(|a| a == axis)
     }
 
+    /// All axes, each branch from the bed outwards: the workpiece branch, then the tool branch with `S`.
     pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
         self.workpiece_branch.iter().chain(&self.tool_branch).copied()
     }
 
+    /// Checks that no axis occurs twice, that X, Y and Z occur, that `S`, if any, is the last axis of the tool branch,
+    /// and that there are three to five axes besides `S`.
     fn check_axes(&self) -> Result<(), TopologyProblem> {
         for axis in Axis::ALL {
             if self.axes().filter(|a| *a == axis).count() > 1 {

@@ -7,11 +7,12 @@ use crate::{Axis, Position};
 /// Minimum cosine of the angle between an axis and Z, in either sense.
 const MIN_COSINE_TO_Z: f64 = 0.999;
 
-/// The innermost rotary axis on the workpiece side that is parallel to Z with all other axes at zero.
+/// The rotary axis nearest to the workpiece, of those on the workpiece side that are parallel to Z with all other axes
+/// at zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZParallelTableAxis {
     pub axis: Axis,
-    /// Position of all rotary axes, each at zero.
+    /// Position of all declared rotary axes, `S` included, each at zero.
     pub position_with_rotary_axes_at_zero: Position,
     /// Sense in which an increasing command turns the table about +Z: +1 right-handed, −1 as in ISO 841.
     pub turn_sign: f64,

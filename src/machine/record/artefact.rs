@@ -28,7 +28,9 @@ pub struct DatumCylinder {
     pub foot_mm: [f64; 3],
     /// Direction of the axis from the foot, table frame; of any length.
     pub axis: [f64; 3],
+    /// Measurable cross sections, in rising order.
     pub sections: Vec<DatumCrossSection>,
+    /// Face above all cross sections; absent: no sensor may measure axially.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub face: Option<DatumCrossSection>,
     /// Maximum distance, not standard uncertainty, of the true centre from the stated centre.
@@ -56,6 +58,7 @@ pub struct Cylinder {
     /// Direction of the axis from the foot, table frame; of any length.
     pub axis: [f64; 3],
     pub radius_mm: f64,
+    /// Height of the touchable flank above the foot; absent: 100 mm.
     #[serde(default = "default_value::<100>")]
     pub height_mm: f64,
     /// Maximum distance, not standard uncertainty, of the true centre from the stated centre.
@@ -125,8 +128,9 @@ pub struct Ball {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CertifiedLength {
-    /// `id` of the first ball; `to`: `id` of the second ball.
+    /// `id` of the first ball.
     pub from: String,
+    /// `id` of the second ball.
     pub to: String,
     /// Certified length at 20 °C, mm.
     pub mm: f64,

@@ -31,7 +31,6 @@ impl Unit {
         }
     }
 
-    /// Symbol of the unit for reports.
     pub fn symbol(self) -> &'static str {
         match self {
             Unit::Um => "µm",
@@ -188,7 +187,7 @@ pub enum FunctionFigureKind {
     Polar,
     /// Single values over a number, without connecting lines.
     Points,
-    /// Frequency of each value of y.
+    /// The figure shows the frequencies of the values `y`; `x` numbers the values.
     Histogram,
     /// Amplitudes over the harmonic order. An order below the highest one in `x` is not identifiable if `x` lacks it.
     Spectrum,
@@ -224,12 +223,11 @@ pub struct ArrowFigure {
 pub enum VectorFigureKind {
     #[default]
     Arrows,
-    /// Nominal and measured position of each point, with the deviation magnified; the points are joined in order to
-    /// a closed path.
+    /// Nominal and measured position of each point, deviations magnified; in order, the points form a closed path.
     Paths,
 }
 
-/// The arrows of one indexation.
+/// The arrows of one indexation, or of all indexations with one tilt of the table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ArrowGroup {
     /// e.g. `B -30°, C 90°, S 0°`.
@@ -332,6 +330,7 @@ pub struct Provenance {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
+    /// Version of the format, `ESTIMATE_VERSION`.
     pub trued_estimate: u32,
     pub method: String,
     /// Inputs of the estimate; absent until the identifying program adds them.
@@ -350,8 +349,9 @@ pub struct Estimate {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub arrows: Vec<ArrowFigure>,
     pub covariance: ParameterCovariance,
-    /// Rank of the equations of the fit; `unknowns`: number of its free unknowns, without those that a gauge fixes.
+    /// Rank of the equations of the fit.
     pub rank: usize,
+    /// Number of free unknowns of the fit, without those that a gauge fixes.
     pub unknowns: usize,
     /// Condition number σmax/σmin of the column-scaled equations of the fit; of several fits or runs: the largest.
     pub condition: f64,

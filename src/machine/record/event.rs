@@ -9,73 +9,38 @@ use super::stage_proof::StageProof;
 use super::tool_centre::ToolCentreReading;
 use super::watched_sensors::LiveValues;
 
-/// Event of a run.
+/// Event of a run. `step`: id of a step; `repeat`: its pass, coded as in `Stage::repeat`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "event")]
 pub enum RunEvent {
     /// Free text for the operator.
     #[serde(rename = "announced")]
-    OperatorMessage {
-        text: String,
-    },
+    OperatorMessage { text: String },
     /// The control has passed all checks before motion; `identity`: its firmware and version.
-    ControlPrepared {
-        identity: String,
-    },
+    ControlPrepared { identity: String },
     /// The prompts of a stage are confirmed, and its text was read back and proven; none of its motions has started.
-    StageProven {
-        stage: u32,
-        proof: StageProof,
-    },
+    StageProven { stage: u32, proof: StageProof },
     /// The stage is stored; its prompts and its proof follow. After a stop, `stage` has the remaining steps only.
-    StageStarted {
-        stage: Stage,
-    },
+    StageStarted { stage: Stage },
     /// A step begins. `remaining_s`: computed machine time from the start of this step to the end of the run.
-    StepStarted {
-        step: u32,
-        repeat: u32,
-        label: String,
-        remaining_s: f64,
-    },
-    ReadingStored {
-        reading: Reading,
-    },
+    StepStarted { step: u32, repeat: u32, label: String, remaining_s: f64 },
+    /// The reading of a touch is stored; the samples of a scan are reported by `ScanStored`.
+    ReadingStored { reading: Reading },
     /// The prompt waits for the operator; nothing moves until the operator confirms it.
     #[serde(rename = "asked")]
-    PromptStarted {
-        step: u32,
-        repeat: u32,
-        text: String,
-    },
+    PromptStarted { step: u32, repeat: u32, text: String },
     /// Values of the watched sensors while a prompt waits, a few times per second; not in the journal.
-    Watched {
-        values: LiveValues,
-    },
+    Watched { values: LiveValues },
     /// The operator has confirmed the prompt.
     #[serde(rename = "answered")]
-    PromptConfirmed {
-        step: u32,
-        repeat: u32,
-        who: String,
-    },
+    PromptConfirmed { step: u32, repeat: u32, who: String },
     /// All samples of a scan are stored; `flagged` of them have a flag.
-    ScanStored {
-        step: u32,
-        samples: usize,
-        flagged: usize,
-    },
+    ScanStored { step: u32, samples: usize, flagged: usize },
     /// The tool centre by the control after the step `step`: after the last step of a stage, and before the machine
     /// turns to another position of its rotary axes.
-    ToolCentreRead {
-        step: u32,
-        repeat: u32,
-        reading: ToolCentreReading,
-    },
+    ToolCentreRead { step: u32, repeat: u32, reading: ToolCentreReading },
     /// The run is interrupted because a person requested the stop.
-    Held {
-        reason: String,
-    },
+    Held { reason: String },
     /// The run is interrupted by an error, or its readings cannot be identified. `what`: the error.
     Faulted {
         what: String,
@@ -84,7 +49,7 @@ pub enum RunEvent {
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         position_lost: bool,
     },
-    /// The operator has checked the machine after a fault or a stop.
+    /// The operator has checked the machine after a fault or a stop. `what`: what was confirmed, as text.
     Acknowledged {
         who: String,
         what: String,
@@ -94,13 +59,9 @@ pub enum RunEvent {
     },
     /// The run continues after an interruption. `gap_s`: time of the last reading before it, on the clock of the
     /// readings.
-    Resumed {
-        gap_s: f64,
-    },
+    Resumed { gap_s: f64 },
     /// All stages are measured; the identification follows.
     Finished,
     /// The samples of this many scans were removed, because their retention time was over.
-    SamplesRemoved {
-        scans: u32,
-    },
+    SamplesRemoved { scans: u32 },
 }

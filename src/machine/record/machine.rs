@@ -43,7 +43,7 @@ pub enum Homing {
 #[serde(deny_unknown_fields)]
 pub struct Machine {
     pub name: String,
-    /// e.g. `w-C-B-X-F-Z-Y-S-t` or `V[w-C-B-b-Y-X-Z-(C)-t]` (ISO 10791).
+    /// Axes from the workpiece to the tool, e.g. `w-C-B-X-F-Z-Y-S-t` or `V[w-C-B-b-Y-X-Z-(C)-t]` (ISO 10791).
     pub topology: String,
     #[serde(default)]
     pub axes: BTreeMap<Axis, StatedAxis>,
@@ -87,8 +87,9 @@ pub struct StatedAxis {
     /// Direction, machine frame; `[0,0,0]` means the nominal direction of the axis after ISO 841.
     #[serde(default)]
     pub direction: [f64; 3],
-    /// Lower travel limit, mm or degrees; `max` is the upper one.
+    /// Lower travel limit, mm or degrees.
     pub min: f64,
+    /// Upper travel limit, mm or degrees.
     pub max: f64,
     #[serde(default, skip_serializing_if = "is_default")]
     pub homing: Homing,
@@ -160,6 +161,7 @@ pub struct Probe {
     /// Identification of the stylus, e.g. its serial number: another stylus has another name.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub stylus: String,
+    /// Radius of the stylus ball.
     pub ball_radius_mm: f64,
     /// Standard uncertainty of one touch (repeatability of probe and machine), um. Absent: evaluated from the
     /// residuals alone.
@@ -273,6 +275,7 @@ pub struct Solid {
     /// the carrier's, which is the machine frame when all axes are at zero (for the spindle: relative to the
     /// spindle datum).
     pub from_mm: [f64; 3],
+    /// Other end of the cylinder's axis, or opposite corner of the box; frame as for `from_mm`.
     pub to_mm: [f64; 3],
     /// Radius of a cylinder; absent: the body is a box.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -300,7 +303,8 @@ pub enum Carrier {
 #[serde(deny_unknown_fields)]
 pub struct Keepout {
     pub name: String,
-    /// Corner with the smallest coordinates, machine frame; `max_mm`: the opposite corner.
+    /// Corner with the smallest coordinates, machine frame.
     pub min_mm: [f64; 3],
+    /// Corner with the largest coordinates, machine frame.
     pub max_mm: [f64; 3],
 }

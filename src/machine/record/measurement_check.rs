@@ -19,8 +19,8 @@ pub struct MeasurementCheck {
     pub min_detectable_deviation_um: Option<f64>,
 }
 
-/// A measurement that is far from the value predicted by all others. It is still part of the estimate: the operator
-/// decides whether its readings are flagged `excluded`.
+/// A measurement that is far from the value predicted by all others. It is still part of the estimate, unless a
+/// repeated measurement replaces it: the operator decides whether its readings are flagged `excluded`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Outlier {
     /// Candidates; several if the readings do not show which of them is wrong.

@@ -48,7 +48,9 @@ pub enum Motion {
 /// Motions of one step, or of a part of it, executed as one unit: at most one `Probe`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MotionBlock {
+    /// Id of the step.
     pub step: u32,
+    /// Pass, coded as in `Stage::repeat` of the plan.
     pub repeat: u32,
     pub motions: Vec<Motion>,
 }

@@ -37,6 +37,7 @@ pub struct Plan {
     pub keepout: Vec<Keepout>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub solids: Vec<Solid>,
+    /// The artefact as the machine file states it; positions found later are in `Stage::found`.
     pub artefact: Artefact,
     /// Estimates of other runs that are used as known values.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -54,6 +55,7 @@ pub struct Plan {
     /// Data for the report.
     #[serde(default, skip_serializing_if = "ReportData::is_empty")]
     pub report: ReportData,
+    /// Steps of all stages planned so far, each once even if later stages repeat it.
     #[serde(default)]
     pub steps: Vec<Step>,
 }
@@ -77,7 +79,9 @@ pub enum StepKind {
 /// positioned as in `from`. Machine coordinates.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Step {
+    /// Unique in the plan; the first step has 0.
     pub id: u32,
+    /// Id of the stage that adds the step; later stages may repeat the step.
     pub stage: u32,
     pub kind: StepKind,
     /// Label, e.g. `1a/C045`: test and angle.
@@ -173,6 +177,7 @@ impl Scan {
         (0..self.path.len()).min_by(|a, b| distance(&self.path[*a]).total_cmp(&distance(&self.path[*b])))
     }
 
+    /// Axes of the first point whose position changes along the path.
     fn moved_axes(&self) -> impl Iterator<Item = Axis> {
         let axes_at = |axis: Axis| self.path.iter().map(move |point| point.get(axis));
         let axes = self.path.first().into_iter().flat_map(Position::iter).map(|(axis, _)| axis);
@@ -186,7 +191,7 @@ impl Scan {
 pub enum Sampling {
     /// At each point: the axes rest for `dwell_s`, then `samples` samples are taken at standstill.
     Dwell { dwell_s: f64, samples: u32 },
-    /// During the motion, at `rate_hz`, with positions from a control that stamps them.
+    /// During the motion, at most `rate_hz` samples per second, with positions from a control that stamps them.
     Continuous {
         rate_hz: f64,
         /// For a turn of one rotary axis: the number of equal angles per revolution, from 0° on, to which the

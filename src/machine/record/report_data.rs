@@ -6,12 +6,16 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReportData {
+    /// Manufacturer of the machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub make: Option<String>,
+    /// Model of the machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
+    /// Serial number of the machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub serial_number: Option<String>,
+    /// Location of the machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub location: Option<String>,
     /// Probe or sensors, with make, model and serial number.
@@ -36,6 +40,7 @@ pub struct ReportField<'a> {
     pub key: &'static str,
     /// Title in the report.
     pub title: &'static str,
+    /// `None`: the machine file does not state the field.
     pub text: Option<&'a str>,
 }
 

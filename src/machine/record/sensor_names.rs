@@ -18,6 +18,7 @@ struct SensorNamesKeys {
     sensors: Option<Vec<String>>,
 }
 
+/// Writes `sensor` for one name (an empty string for none), `sensors` for several.
 pub fn serialize<S: Serializer>(names: &[String], serializer: S) -> Result<S::Ok, S::Error> {
     let single = |name: String| SensorNamesKeys { sensor: Some(SensorNames::One(name)), sensors: None };
     let keys = match names {

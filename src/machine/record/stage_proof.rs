@@ -22,6 +22,7 @@ pub struct StageProof {
 /// Two bodies, their smallest distance, and the line of the text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Clearance {
+    /// Id of the step.
     pub step: u32,
     /// Line of the stage's text, from 1.
     pub line: usize,

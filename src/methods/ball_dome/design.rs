@@ -30,7 +30,8 @@ pub fn dome_setup<'a>(plan: &'a Plan, settings: &BallDomeSettings) -> Result<Mea
     Ok(MeasurementSetup { method: super::METHOD_NAME, plan, balls: set, touch_settings: settings.touch_settings() })
 }
 
-/// Visits in measuring order.
+/// Visits in measuring order, one for each indexation, with the balls that are accessible there. An indexation without
+/// accessible balls is left out.
 ///
 /// # Errors
 /// An indexation is outside the limits; a ball is accessible at no indexation.

@@ -45,7 +45,7 @@ pub fn fit_machine_errors_and_stylus(points: &MeasuredPoints, known: &KnownError
 }
 
 /// Change of the stylus by each error of the prior, for a stylus that includes the offset of the spindle
-/// (paper 4, Eqs. 5 to 7).
+/// (paper 4, Eqs. 5 to 7); zero for an error of another axis.
 fn stylus_derivatives_by_spindle_errors(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Vec<Vector3<f64>> {
     let of = |error: &ErrorTerm| {
         if !is_spindle_error(error) {

@@ -74,6 +74,8 @@ impl Method for BallDome {
         ball_measurement::next_stage(&setup, &visits, done, source)
     }
 
+    /// Duration of the run. With an estimate of the machine also what the run cannot determine, from an identification
+    /// of nominal readings.
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
         let (watch_min, measure_min) = (self.settings.rest_check_min, machine_s / 60.0);
         let time = match watch_min > 0.0 {

@@ -13,6 +13,7 @@ pub struct DomeModel<'a> {
     pub variants: &'a [DomeVariant],
     /// Derivative of each point by the errors of the prior, table frame: points × errors.
     pub point_derivatives_by_prior_errors: &'a [Vec<Vector3<f64>>],
+    /// Number of balls of the artefact, those without measurement included.
     pub ball_count: usize,
     /// Index of the variant whose deviations are compared with the declared sources. `None`: no variant is compared.
     pub chi2_variant_index: Option<usize>,
@@ -95,6 +96,7 @@ impl DomeModel<'_> {
         2 * self.variants.len() + 3 * styluses + variant * self.group_point_indices.len() + group
     }
 
+    /// Three weighted residuals for each point, of unit variance by the sources of the readings alone.
     pub fn weighted_residuals(&self, deviations: &[Vector3<f64>]) -> Vec<f64> {
         let rows = self.whitening_matrices.iter().zip(deviations).map(|(weight, d)| weight * d);
         rows.flat_map(|row| [row.x, row.y, row.z]).collect()
@@ -106,15 +108,18 @@ fn mean_value(values: &[f64]) -> f64 {
 }
 
 impl ObservationModel for DomeModel<'_> {
+    /// Three for each measurement, one for each error of the prior, three for each ball of the artefact.
     fn observation_count(&self) -> usize {
         self.first_certified_observation_index(self.ball_count)
     }
 
+    /// Number of values of `result_values`.
     fn unknown_count(&self) -> usize {
         self.group_mean_value_index(self.variants.len(), 0)
     }
 
-    /// The norm of a vector changes by the component of its change along the vector.
+    /// First-order changes of the results: the norm of a vector changes by the component of its change along the
+    /// vector.
     fn linear_response(&self, change: &[f64]) -> LinearResponse {
         let changes = self.deviation_and_stylus_changes_of_variants(change);
         let mut unknowns = Vec::with_capacity(self.unknown_count());

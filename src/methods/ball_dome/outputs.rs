@@ -25,8 +25,8 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     declaring_settings: "repeatability_um, error_motion_um or certificate_u_mm",
 };
 
-/// The fitted styluses, then largest and mean deviations. The deviations are nonlinear functions, and their uncertainty
-/// comes from the Monte Carlo trials.
+/// The fitted styluses, then largest and mean deviations; as curves, the mean deviations of the groups. Largest and
+/// mean deviations are nonlinear functions, and their uncertainty comes from the Monte Carlo trials.
 pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> IdentificationOutputs {
     let values = model.result_values(&vec![0.0; model.observation_count()]);
     let names = model.variants.iter().flat_map(|v| ["max", "mean"].map(|of| format!("{}_{of}", v.kind.name)));

@@ -8,7 +8,7 @@ use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 
-/// Errors of the machine from the prior of the plan. `None`: the plan has no prior.
+/// Errors of the machine from the prior of the plan. `None`: the plan has no prior, or only probe qualifications.
 ///
 /// # Errors
 /// The plan has more than one estimate; the estimate has no errors of this machine, or lacks their

@@ -48,6 +48,7 @@ pub fn compute_variants(
     (variants, lost)
 }
 
+/// Stylus of a variant. `None`: the readings do not determine it, or S4 has no prior.
 fn find_stylus(
     kind: VariantKind,
     points: &MeasuredPoints,

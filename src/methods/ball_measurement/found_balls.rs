@@ -20,6 +20,7 @@ pub struct FoundBalls {
 
 /// One measurement of a ball: its steps and their newest readings.
 pub struct BallReadings<'a> {
+    /// Label of the first of its touches.
     pub label: TouchLabel,
     /// Index of the ball.
     pub ball_index: usize,

@@ -25,7 +25,7 @@ pub fn angular_and_rotary_motion_sources(
     let angular = angular_motion_patterns(plan, &points);
     let mut rotary = rotary_error_motions(plan, &DEFAULT_ROTARY_MOTION_ORDERS);
     rotary.retain(|motion| chain.check_parameter_axis(motion.error).is_ok());
-    let rotary = rotary.iter().map(|motion| (motion.error, vec![motion.amplitude_sd_mm; points.len()]));
+    let rotary = rotary.iter().map(|motion| (motion.error, vec![motion.coefficient_sd_mm; points.len()]));
     let effect = |motions: &[(ErrorParameter, Vec<f64>)]| error_motion_effect(plan, chain, observed, motions);
     [
         UncertaintySource::new("angular error motions of X, Y and Z", effect(&angular)),

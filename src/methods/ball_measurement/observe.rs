@@ -80,7 +80,8 @@ struct MeasurementKey {
 /// Groups slow and reference touches into measurements and fits the spheres. Flagged touches are left out.
 ///
 /// # Errors
-/// The readings do not belong to the plan; the artefact has no balls; a label is invalid.
+/// The readings do not belong to the plan; a step has two readings of one pass; the artefact has no balls; a label is
+/// invalid.
 pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls, IdentifyError> {
     let balls = artefact_balls(plan)?;
     let steps: BTreeMap<u32, &Step> = plan.steps.iter().map(|step| (step.id, step)).collect();

@@ -136,7 +136,7 @@ impl MeasurementSetup<'_> {
     /// label from the name of a touch.
     ///
     /// # Errors
-    /// The ball cannot be touched.
+    /// The ball cannot be touched, or its position is too uncertain for a search.
     pub fn ball_steps(
         &self,
         access: &TouchAccess,

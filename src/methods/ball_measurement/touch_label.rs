@@ -15,7 +15,8 @@ pub enum MeasurementPurpose {
     /// As `Slow`, before the first slow touches, to check whether the machine is at rest. The identification does not
     /// use them.
     RestCheck,
-    /// As `Slow`, to check whether the machine has moved. The identification uses them as well.
+    /// As `Slow`, to check whether the machine has moved. The identification uses them as well, except that of
+    /// `ball-plate`.
     Reference,
 }
 
@@ -67,6 +68,7 @@ impl fmt::Display for TouchLabel {
     }
 }
 
+/// Holds the text that is not a touch label.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is not a label of a ball measurement, such as slow/007/3/+45")]
 pub struct InvalidTouchLabel(pub String);

@@ -58,7 +58,8 @@ struct OrderCandidate {
     touch_order: TouchOrder,
     /// The touches in this order.
     touch_indices: Vec<usize>,
-    /// Shortest time from the start of the first ball to the last touch of this ball, s.
+    /// Shortest path time from the machine position before the first ball to the last touch of this ball in this order,
+    /// s.
     shortest_time_s: f64,
     /// Index of the candidate of the previous ball on the fastest path.
     previous_candidate_index: usize,

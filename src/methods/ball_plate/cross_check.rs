@@ -11,8 +11,8 @@ use super::unknowns_layout::{MOTION_COMPONENTS, UnknownsLayout};
 use crate::identification::{Identification, slope_of_unknown};
 use machine::record::estimate::Unit;
 
-/// The coefficient of an error motion for which least squares and four-step evaluation differ most, relative to its
-/// expanded uncertainty.
+/// The coefficient or reversal of an error motion for which least squares and four-step evaluation differ most,
+/// relative to its expanded uncertainty.
 pub struct LargestCoefficientDifference {
     pub symbol: String,
     pub unit: Unit,

@@ -22,6 +22,7 @@ pub struct PlateDesign {
     pub stop_angle_steps: Vec<i64>,
     /// One visit per stop, each with all balls.
     pub visits: Vec<BallVisit>,
+    /// Without the steps at interruptions, whose number follows from the readings.
     pub layout: UnknownsLayout,
 }
 

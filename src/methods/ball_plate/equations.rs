@@ -19,7 +19,8 @@ pub struct BallObservation {
     pub measuring_position_index: usize,
     /// Time from the middle of the run, divided by half its duration: −1 to 1.
     pub relative_time: f64,
-    /// Number of interruptions of the run before the measurement.
+    /// Number of interruptions between the first measurement of the run and this one; several without a measurement
+    /// between them count as one.
     pub preceding_interruption_count: usize,
     /// Axis positions X, Y, Z at which the stylus ball coincides with the ball, minus those of the nominal
     /// machine for the expected position of the ball, mm.

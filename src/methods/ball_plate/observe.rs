@@ -78,7 +78,7 @@ pub fn observe_run(
 }
 
 /// Number of interruptions before each measurement. Only interruptions with measurements before and after
-/// them count.
+/// them count, and several without a measurement between them count as one.
 fn count_preceding_interruptions(plan: &Plan, centres: &[BallCentre]) -> Vec<usize> {
     let gaps = |centre: &BallCentre| plan.interruption_times_s.iter().filter(|gap| centre.mean_time_s > **gap).count();
     let counts: Vec<usize> = centres.iter().map(gaps).collect();

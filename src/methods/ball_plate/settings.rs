@@ -79,7 +79,7 @@ impl BallPlateSettings {
         MethodRefusal::require(
             self.positions <= MAX_POSITIONS,
             format!("positions = {} exceeds the maximum", self.positions),
-            format!("choose positions = 72 (default); the maximum is {MAX_POSITIONS}"),
+            format!("choose positions = {} (default); the maximum is {MAX_POSITIONS}", Self::default().positions),
         )?;
         MethodRefusal::require(
             self.harmonics > 0 && 2 * self.harmonics < self.positions,

@@ -132,6 +132,7 @@ impl UnknownsLayout {
         row
     }
 
+    /// Coefficients of the unknowns in the sum over the balls of their displacements along `direction`.
     fn ball_gauge_row(&self, direction: DirectionAtBall) -> Vec<f64> {
         let mut row = vec![0.0; self.unknown_count()];
         for (ball, radial) in self.radial_directions.iter().enumerate() {

@@ -4,7 +4,7 @@ use super::MeasuredRun;
 use machine::record::estimate::{Estimate, Verdict};
 use machine::record::machine::Machine;
 
-/// Reason why runs are not combined.
+/// Reason why runs are not combined. The integers are the numbers of the runs; `first` is the lowest of all.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CombinationRefusal {
     #[error("a combination needs at least two runs")]
@@ -15,16 +15,22 @@ pub enum CombinationRefusal {
     OtherMachine { run: i64, machine: String, first: i64, machine_of_first: String },
     #[error("run {run} has the method {method}, run {first} the method {method_of_first}")]
     OtherMethod { run: i64, method: String, first: i64, method_of_first: String },
+    /// The verdict of the run is `Verdict::UndecidedModel`.
     #[error("the readings of run {0} contradict its model: no uncertainty of the run is reliable")]
     ContradictedModel(i64),
+    /// Topology, axes, stylus or active compensations differ in the plans; `what` names the one that differs.
     #[error("run {run} and run {first} state {what} differently")]
     OtherStatement { run: i64, first: i64, what: &'static str },
+    /// The run `holding` holds a parameter at zero that the run `estimating` estimates.
     #[error("run {holding} holds {symbol} at zero, run {estimating} estimates it")]
     HeldAtZero { holding: i64, estimating: i64, symbol: String },
+    /// The gauge lines differ, or the point for which the axis positions are valid.
     #[error("the parameters of run {run} and run {first} have different conventions: {difference}")]
     OtherConventions { run: i64, first: i64, difference: String },
+    /// Holds the symbol of the parameter.
     #[error("the runs have different units for {0}")]
     OtherUnit(String),
+    /// Its variance is zero, or a covariance is missing or not finite.
     #[error("{symbol} of run {run} has no uncertainty")]
     NoUncertainty { run: i64, symbol: String },
     #[error("the runs have no parameter in common")]
@@ -62,7 +68,7 @@ impl CombinationRefusal {
 /// Maximum difference of each coordinate of two points that count as equal, mm.
 const SAME_POINT_TOLERANCE_MM: f64 = 0.5;
 
-/// Checks `runs`, which are sorted by their number.
+/// Checks that `runs`, sorted by number, measure the same quantities; not that they have a parameter in common.
 pub fn check_runs(runs: &[MeasuredRun<'_>]) -> Result<(), CombinationRefusal> {
     let [first, others @ ..] = runs else { return Err(CombinationRefusal::TooFewRuns) };
     if others.is_empty() {
@@ -158,7 +164,7 @@ fn check_conventions(run: &MeasuredRun<'_>, first: &MeasuredRun<'_>) -> Result<(
     }
 }
 
-/// Checks that each parameter of the covariance has a positive, finite variance.
+/// Checks that each parameter of the covariance has a positive variance and finite covariances.
 fn check_uncertainties(run: &MeasuredRun<'_>) -> Result<(), CombinationRefusal> {
     let covariance = &run.estimate.covariance;
     let is_valid = |index: usize| {

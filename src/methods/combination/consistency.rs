@@ -17,6 +17,7 @@ const REJECTION_PROBABILITY: f64 = 0.005;
 /// Deviation of one parameter of a run from the combination of all other runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunDeviation {
+    /// Number of the run.
     pub run: i64,
     pub symbol: String,
     pub unit: Unit,
@@ -38,7 +39,7 @@ pub struct RunDeviation {
 pub struct Disagreement {
     /// Deviation of the run with the largest normalized error, from the combination of `others`.
     pub deviation: RunDeviation,
-    /// Runs with whose combination the run is compared.
+    /// Numbers of the runs with whose combination the run is compared.
     pub others: Vec<i64>,
 }
 
@@ -86,7 +87,7 @@ impl Consistency {
         })
     }
 
-    /// Whether the runs agree within their uncertainties.
+    /// Whether all runs agree: χ² has a probability of at least 0.5 %, and no deviation exceeds its limit.
     pub fn is_consistent(&self) -> bool {
         self.disagreeing_runs.is_empty()
     }
@@ -136,6 +137,7 @@ struct Contrast {
     coefficients: DVector<f64>,
 }
 
+/// The parameter of a run minus that of `others`. `None`: the run or the others do not contain the parameter.
 fn contrast(joint: &JointResults, others: &JointSolution, run_index: usize, unknown_index: usize) -> Option<Contrast> {
     let row = joint.rows.row_index(run_index, unknown_index)?;
     let mut coefficients = -others.gain.row(others.position(unknown_index)?).transpose();
@@ -143,7 +145,7 @@ fn contrast(joint: &JointResults, others: &JointSolution, run_index: usize, unkn
     Some(Contrast { run_index, unknown_index, coefficients })
 }
 
-/// `count`: number of deviations that are judged together (Bonferroni).
+/// The deviation that `contrast` describes. `count`: number of deviations that are judged together (Bonferroni).
 fn deviation(joint: &JointResults, contrast: &Contrast, count: usize) -> RunDeviation {
     let unknown = &joint.rows.unknowns[contrast.unknown_index];
     let by = contrast.coefficients.dot(&joint.rows.values);

@@ -76,6 +76,7 @@ pub struct SharedSource {
 pub struct Combination {
     /// Numbers of the runs, oldest first.
     pub runs: Vec<i64>,
+    /// All parameters, also those of one run only.
     pub parameters: Vec<CombinedParameter>,
     pub consistency: Consistency,
     pub shared_sources: Vec<SharedSource>,
@@ -83,7 +84,8 @@ pub struct Combination {
     pub estimate: Estimate,
 }
 
-/// Combines `runs` in any order.
+/// Combines `runs` in any order. For runs that contradict each other the verdict of the estimate is `undecided
+/// (model)`.
 ///
 /// # Errors
 /// The runs cannot be combined.

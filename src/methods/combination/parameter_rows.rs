@@ -29,6 +29,7 @@ pub struct ParameterRow {
 pub struct ParameterRows {
     /// One unknown for each symbol: a parameter of several runs is one unknown.
     pub unknowns: Vec<CombinationUnknown>,
+    /// One row for each identified parameter of each run, by run.
     pub rows: Vec<ParameterRow>,
     /// Value of each row, divided by the scale of its unknown.
     pub values: DVector<f64>,

@@ -4,7 +4,7 @@ use estimation::coverage::coverage_factor;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::travel::{AxisTravel, error_by_gain_mm, gain_of};
+use super::travel::{AxisTravel, error_by_gain_mm, gain_parameter_of_axis};
 use crate::MethodRefusal;
 use crate::identification::{KnownErrors, SpindlePosition, StatedStylusUncertainty, UndeterminedSpindleComponent};
 use machine::frame::{Point, SpindleFrame};
@@ -68,12 +68,12 @@ impl<'a> MeasuredAxisPositions<'a> {
     }
 
     /// The only point for which the estimate states its positions; `None`: it is valid at any point.
-    pub(super) fn fixed_at(&self) -> Option<Vector3<f64>> {
+    pub(super) fn only_valid_point_mm(&self) -> Option<Vector3<f64>> {
         self.estimate.location_at_mm.map(Into::into)
     }
 
     /// The same positions, valid for `at`.
-    pub(super) fn stated_at(self, at: Option<Vector3<f64>>) -> Self {
+    pub(super) fn with_reference_point(self, at: Option<Vector3<f64>>) -> Self {
         Self { at, ..self }
     }
 
@@ -87,7 +87,7 @@ impl<'a> MeasuredAxisPositions<'a> {
     /// # Errors
     /// The estimate does not determine the gain.
     pub fn travel_error(&self, travel: AxisTravel) -> Result<MeasuredLength, MethodRefusal> {
-        let symbol = gain_of(travel.axis)?.to_string();
+        let symbol = gain_parameter_of_axis(travel.axis)?.to_string();
         let gain = self.estimate.parameters.iter().find(|own| own.symbol == symbol && own.identifiable);
         let gain = gain.ok_or_else(|| {
             MethodRefusal::new(

@@ -184,7 +184,7 @@ impl ControlModel {
     /// Errors of the machine that a control with `values_mm` takes into account, and that the readings contain:
     /// location errors relative to the stated axes, and gains of linear axes by the change of the values. Positions for
     /// which `is_determined` is false count as right in the control. `at_mm`: as
-    /// [`super::MeasuredAxisPositions::at_mm`].
+    /// [`super::MeasuredAxisPositions::at_mm`]; `None`: no location errors.
     ///
     /// # Errors
     /// The machine has no such axis.

@@ -74,8 +74,10 @@ pub struct ProposedValue {
 /// Proposed positions and corrections, and the values of the control for them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Proposal {
+    /// All positions that the control computes, also those that are kept.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub positions: Vec<ProposedPosition>,
+    /// All travels that the control corrects, also those whose correction is kept.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub travels: Vec<ProposedTravel>,
     /// All values of the control, also unchanged ones, in the order of the control model.
@@ -93,7 +95,8 @@ impl Proposal {
 }
 
 /// Proposes the measured positions and corrections, and the values of the control for them. A position or correction
-/// that the run does not determine, or that deviates by less than U, is kept; its value may still change to keep it.
+/// that the run does not determine, or that deviates by at most U (unless `options` apply insignificant changes), is
+/// kept; its value may still change to keep it.
 ///
 /// # Errors
 /// A change is larger than allowed; the run determines nothing that the control corrects.
@@ -124,6 +127,7 @@ pub fn propose(
     Ok(Proposal { values: values.collect(), positions, travels, at_mm: measured.at_mm() })
 }
 
+/// Refuses if the run determines no position and no travel, for the first of the reasons in `kept`.
 fn check_something_is_determined(
     positions: &[ProposedPosition],
     travels: &[ProposedTravel],
@@ -194,7 +198,7 @@ fn propose_travel(
 /// `None`: the change by `deviation_mm` is significant, or the options allow insignificant changes.
 ///
 /// # Errors
-/// The change is larger than allowed.
+/// The change would be made, but is larger than allowed.
 fn reason_to_keep(
     deviation_mm: f64,
     expanded_mm: f64,

@@ -25,6 +25,7 @@ impl AxisTravel {
 /// An entry of the table: the correction at one position of the axis, for one direction of its motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TravelEntry {
+    /// Position of the axis to which the entry applies.
     pub nominal_mm: f64,
     /// Index of the control value.
     pub value_index: usize,
@@ -35,7 +36,9 @@ pub struct TravelEntry {
 /// A table that the control adds to the positions of a linear axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControlledTravel {
+    /// From the lowest to the highest position of the table.
     pub(super) travel: AxisTravel,
+    /// One entry for each position of the table and direction of motion, by increasing position.
     pub(super) entries: Vec<TravelEntry>,
     /// Entry at the start of the travel.
     first: TravelEntry,
@@ -77,11 +80,14 @@ pub(super) fn compensated_gain(
     travel: AxisTravel,
     change_mm: f64,
 ) -> Result<ErrorTerm, MethodRefusal> {
-    Ok(ErrorTerm { parameter: gain_of(travel.axis)?, value: -change_mm / error_by_gain_mm(chain, travel)? })
+    Ok(ErrorTerm {
+        parameter: gain_parameter_of_axis(travel.axis)?,
+        value: -change_mm / error_by_gain_mm(chain, travel)?,
+    })
 }
 
 /// The gain of a linear axis, such as `EXX1`.
-pub(super) fn gain_of(axis: Axis) -> Result<ErrorParameter, MethodRefusal> {
+pub(super) fn gain_parameter_of_axis(axis: Axis) -> Result<ErrorParameter, MethodRefusal> {
     ErrorParameter::new(axis, axis, ErrorShape::Gain)
         .map_err(|error| MethodRefusal::new(error.to_string(), "state the tables of linear axes only"))
 }
@@ -90,7 +96,7 @@ pub(super) fn gain_of(axis: Axis) -> Result<ErrorParameter, MethodRefusal> {
 pub(super) fn error_by_gain_mm(chain: &KinematicChain, travel: AxisTravel) -> Result<f64, MethodRefusal> {
     // The model is linear in a gain of this size.
     const TEST_GAIN: f64 = 1e-3;
-    let error = [ErrorTerm { parameter: gain_of(travel.axis)?, value: TEST_GAIN }];
+    let error = [ErrorTerm { parameter: gain_parameter_of_axis(travel.axis)?, value: TEST_GAIN }];
     let tip = |q_mm: f64, errors: &[ErrorTerm]| {
         chain.tip_in_table(&Position::new().with(travel.axis, q_mm), Point::from_vec(Vector3::zeros()), errors).mm
     };

@@ -33,7 +33,8 @@ pub struct RemainingDeviation {
     pub change_mm: f64,
     /// Remaining error according to the run from which the compensation was computed.
     pub predicted_mm: f64,
-    /// Largest predicted error with which the value follows from the run of the compensation.
+    /// Limit of the magnitude of `predicted_mm`: U of the first run plus rounding. Above it, the value was not computed
+    /// from that run.
     pub prediction_limit_mm: f64,
     /// Remaining error according to the second run.
     pub measured_mm: f64,
@@ -43,7 +44,8 @@ pub struct RemainingDeviation {
 }
 
 impl RemainingDeviation {
-    /// The value follows from the first run, and the second run confirms it.
+    /// Whether the predicted error is within `prediction_limit_mm`, and measured minus predicted error within
+    /// `limit_mm`.
     pub fn is_within_limits(&self) -> bool {
         self.predicted_mm.abs() <= self.prediction_limit_mm
             && (self.measured_mm - self.predicted_mm).abs() <= self.limit_mm
@@ -62,8 +64,8 @@ pub fn joint_coverage_ratio(count: usize, dof: f64) -> f64 {
 /// which makes the limits larger.
 ///
 /// # Errors
-/// A run does not determine a changed quantity, or not accurately enough to show the change; the positions of the runs
-/// are stated at different points.
+/// A run does not determine a changed quantity; the limit for the largest change is not smaller than that change (also
+/// without any change); the positions of the runs are stated at different points.
 pub fn compare_remaining_deviations(
     first: MeasuredAxisPositions<'_>,
     second: MeasuredAxisPositions<'_>,
@@ -128,7 +130,7 @@ fn at_common_point<'a>(
     first: MeasuredAxisPositions<'a>,
     second: MeasuredAxisPositions<'a>,
 ) -> Result<[MeasuredAxisPositions<'a>; 2], MethodRefusal> {
-    let at = match [&first, &second].map(MeasuredAxisPositions::fixed_at) {
+    let at = match [&first, &second].map(MeasuredAxisPositions::only_valid_point_mm) {
         [Some(one), Some(other)] if (one - other).norm() > MAX_REFERENCE_DISTANCE_MM => {
             return Err(MethodRefusal::new(
                 "the two runs state the positions of the axes at different points",
@@ -138,7 +140,7 @@ fn at_common_point<'a>(
         [Some(at), _] | [None, Some(at)] => Some(at),
         [None, None] => first.at_mm().map(Into::into),
     };
-    Ok([first.stated_at(at), second.stated_at(at)])
+    Ok([first.with_reference_point(at), second.with_reference_point(at)])
 }
 
 #[cfg(test)]

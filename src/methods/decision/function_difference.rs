@@ -9,6 +9,7 @@ use machine::record::estimate::{Estimate, EstimatedFunction, FunctionFigureKind,
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FunctionDifference {
     pub symbol: String,
+    /// Name of the argument, such as an axis.
     pub argument: String,
     pub argument_unit: String,
     pub unit: Unit,
@@ -51,8 +52,8 @@ impl FunctionDifference {
     }
 }
 
-/// Differences of all functions that both results have, in the order of the first, with the coverage factor
-/// `k`. Results state u of each point without covariance. The u of both functions, at the point and at the
+/// Differences of all comparable functions that both results have, in the order of the first, with the coverage
+/// factor `k`. Results state u of each point without covariance. The u of both functions, at the point and at the
 /// reference point, therefore count as independent and are added in quadrature.
 pub fn function_differences(first: &Estimate, second: &Estimate, k: f64) -> Vec<FunctionDifference> {
     let pairs = first.functions.iter().filter_map(|one| {
@@ -62,8 +63,8 @@ pub fn function_differences(first: &Estimate, second: &Estimate, k: f64) -> Vec<
     pairs.filter_map(|(one, other)| function_difference(one, other, k)).collect()
 }
 
-/// Whether symbol, units and kind of figure match (no histograms), and both functions state an uncertainty, unlike
-/// residuals.
+/// Whether symbol, units and kind of figure match (curve and polar figure count as equal; histograms never match), and
+/// both functions state an uncertainty, unlike residuals.
 fn is_comparable(one: &EstimatedFunction, other: &EstimatedFunction) -> bool {
     let is_stated = |function: &EstimatedFunction| function.u.iter().any(|u| *u > 0.0);
     let of = |f: &EstimatedFunction| (f.symbol.clone(), f.argument_unit.clone(), f.unit);

@@ -17,8 +17,8 @@ const DECISION_RULE: &str = "guard bands of U on both sides (ISO 14253-1): pass 
 /// Judges every parameter that has a tolerance. The expanded uncertainty is the guard band on both sides (ISO
 /// 14253-1): a parameter passes only if the whole interval lies inside the limits, fails only if it lies
 /// outside, and is undecided otherwise. The worst parameter decides. A limit for a parameter that was not
-/// estimated, or that has another unit, leaves the verdict undecided. Without any limit there is no verdict.
-/// A misfit that the identification has found takes precedence over the limits.
+/// estimated, or that has another unit, leaves the verdict undecided unless another parameter fails. Without any limit
+/// there is no verdict. A misfit that the identification has found takes precedence over the limits.
 pub fn judge_estimate(estimate: &mut Estimate, tolerances: &[ParameterTolerance]) {
     let contradicted = estimate.verdict == Verdict::UndecidedModel;
     let mut verdicts = Vec::new();

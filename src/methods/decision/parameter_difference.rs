@@ -65,7 +65,7 @@ pub struct ParameterDifference {
     pub significant: bool,
 }
 
-/// Returns |by|/expanded, or 0 if both are 0.
+/// Returns |by|/expanded: 0 if both are 0, infinite if only `expanded` is 0.
 pub fn normalized_error(by: f64, expanded: f64) -> f64 {
     if by == 0.0 { 0.0 } else { by.abs() / expanded }
 }
@@ -86,6 +86,7 @@ pub fn common_sources(first: &Estimate, second: &Estimate) -> Vec<String> {
     names
 }
 
+/// Whether probe, machine or artefact is the same in both estimates; `true` if a provenance is unknown.
 fn have_same_owner(owner: SourceOwner, first: &Estimate, second: &Estimate) -> bool {
     let pair = first.provenance.as_ref().zip(second.provenance.as_ref());
     pair.is_none_or(|(first, second)| owner.provenance_field(first) == owner.provenance_field(second))

@@ -29,8 +29,10 @@ struct ReferenceMeasurement<'a> {
     step: &'a Step,
     /// Number within the scan: point by point, and at each point sensor by sensor.
     scan_measurement_index: usize,
+    /// Repeat number of the readings; from `FIRST_REPEAT_NUMBER_AFTER_STOP` on they were taken after a stop.
     repeat_number: u32,
-    /// Position of the surface against the direction of the touch, or along the normal of the scan, mm.
+    /// Position of the surface against the direction of the touch, or minus the mean distance that the sensor measured,
+    /// mm. Only differences have a meaning.
     outward_position_mm: f64,
     /// Time of the first good reading on the clock of the run, s.
     time_in_run_s: f64,
@@ -101,7 +103,7 @@ impl<'a> ReferencePoints<'a> {
     }
 
     /// Whether the reference points cover every direction in which the references of the plan touch: each direction was
-    /// touched before the stop.
+    /// touched before the stop. `false` without any reference point.
     pub fn covers_all_reference_directions(&self) -> bool {
         let mut reference_steps = self.plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
         !self.points.is_empty()
@@ -129,8 +131,8 @@ impl<'a> ReferencePoints<'a> {
         }
     }
 
-    /// Number of times that the references are touched after a stop. If the repeatability of touches is not
-    /// declared, it must come from the references themselves.
+    /// Number of times that the references are touched after a stop: 1, or 2 if the repeatability of touches is not
+    /// declared or the method uses sensors, since it must then come from the references themselves.
     pub fn repeats_after_stop(&self) -> u32 {
         if self.declared_repeatability_mm().is_some() { 1 } else { 2 }
     }
@@ -143,7 +145,8 @@ impl<'a> ReferencePoints<'a> {
     }
 
     /// Compares the first reading of each reference point after the stop (from `readings`) with the last reading before
-    /// the stop. Returns the shifts, and the scatter that the limits follow from.
+    /// the stop. Returns the shifts, without points that have no reading after the stop, and the scatter that the
+    /// limits follow from.
     pub fn shifts_and_scatter_after_stop(&self, readings: &[Reading]) -> (Vec<ReferenceShift>, TouchScatter) {
         let repeated = reference_measurements(self.plan, readings);
         let after = |reference: &ReferencePoint<'_>| -> Vec<f64> {
@@ -170,7 +173,7 @@ impl<'a> ReferencePoints<'a> {
         (shifts, scatter)
     }
 
-    /// Labels of the reference points that have no reading in `readings`.
+    /// Labels of the reference points that have no good reading in `readings`.
     pub fn labels_without_reading(&self, readings: &[Reading]) -> Vec<String> {
         let repeated = reference_measurements(self.plan, readings);
         let is_unread =
@@ -236,6 +239,7 @@ fn touch_direction(step: &Step) -> Vector3<f64> {
     unit_vector(direction).unwrap_or_default()
 }
 
+/// Whether the touches have the same direction, within 1°.
 fn have_same_direction(one: &Step, other: &Step) -> bool {
     touch_direction(one).dot(&touch_direction(other)) > MIN_SAME_DIRECTION_COSINE
 }
@@ -249,6 +253,7 @@ fn outward_position_mm(step: &Step, reading: &Reading) -> f64 {
     }
 }
 
+/// Whether both steps start and end at the same positions of all axes.
 fn have_same_path(one: &Step, other: &Step) -> bool {
     let same = |a: &Position, b: &Position| {
         Axis::ALL.into_iter().all(|axis| match (a.get(axis), b.get(axis)) {

@@ -108,7 +108,7 @@ impl ShiftLimits {
 }
 
 /// Number of reference points that a plan compares: those of the first stage with references. Each point of a scan
-/// counts.
+/// counts once, whatever the number of its sensors.
 pub fn compared_reference_point_count(plan: &Plan) -> usize {
     let references = || plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
     let first = references().next().map(|step| step.stage);

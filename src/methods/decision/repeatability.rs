@@ -32,6 +32,7 @@ pub struct Repetition {
 pub struct Repeatability {
     pub symbol: String,
     pub unit: Unit,
+    /// Number of repetitions.
     pub repetitions: usize,
     pub mean: f64,
     /// Within the repetitions: root mean square of the standard uncertainties that they state.
@@ -43,7 +44,7 @@ pub struct Repeatability {
     pub ratio: f64,
     /// Whether the ratio is above the upper bound of its 95 % interval by χ²: u is too small, or the machine drifts.
     pub exceeds_u: bool,
-    /// Drift against time, per hour; absent for fewer than three repetitions.
+    /// Drift against time, per hour; `None` for fewer than three repetitions or equal times.
     pub per_hour: Option<Slope>,
     /// Change with each thermometer, per kelvin. Each slope is a separate fit: where temperature and time change
     /// together, the slopes do not separate their effects.
@@ -68,6 +69,7 @@ impl Slope {
     }
 }
 
+/// Slope of the parameter against one thermometer, per kelvin.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ThermometerSlope {
     pub thermometer: String,

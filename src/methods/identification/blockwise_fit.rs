@@ -39,6 +39,7 @@ pub struct BlockFit {
     pub reduction_matrix: Mat<f64>,
     /// Design matrix, reduced observations × unknowns.
     pub reduced_design_matrix: Mat<f64>,
+    /// Solution for the reduced observations, also its residuals and gain.
     pub solution: LinearSolution,
     /// Unknowns × nullity: the directions that the rows do not determine. The solution has no component along
     /// them.
@@ -123,7 +124,8 @@ fn numerical_error(error: linear_least_squares::LinearError) -> IdentifyError {
     IdentifyError::IdentificationFailed(error.to_string())
 }
 
-/// An orthonormal basis of the weighted rows of the design, for each group.
+/// Rows that reduce the observations, mm: for each group an orthonormal basis of the column space of its weighted
+/// design, divided by the standard uncertainties.
 fn reduction_matrix(equations: &BlockEquations) -> Mat<f64> {
     let BlockEquations { design_matrix: design, sigma_mm, reduction_group_indices: groups, .. } = equations;
     let count = groups.iter().map(|group| group + 1).max().unwrap_or(0);

@@ -100,6 +100,7 @@ pub fn add_budget_sensitivities(estimate: &mut Estimate, plan: &Plan) {
     }
 }
 
+/// Key of the line, and its declared size in the unit of the key. `None`: no key declares the line.
 fn budget_key_and_size(line: &BudgetLine, plan: &Plan) -> Option<(String, f64)> {
     if let Some(sized) = BUDGET_LINE_KEYS.iter().find(|sized| sized.line_name == line.source) {
         return Some((sized.machine_file_key.to_owned(), (sized.declared_size)(plan)));

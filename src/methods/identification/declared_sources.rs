@@ -25,8 +25,8 @@ const ASSUMED_REPEATABILITY_MM: f64 = 1e-3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotaryErrorMotion {
     pub error: ErrorParameter,
-    /// Standard deviation of the amplitude of the error motion, mm.
-    pub amplitude_sd_mm: f64,
+    /// Standard deviation of the coefficient of this part, mm.
+    pub coefficient_sd_mm: f64,
 }
 
 /// Standard uncertainty of one touch, mm: the declared value, or the assumed one if none is declared.
@@ -207,11 +207,11 @@ pub fn rotary_error_motions(plan: &Plan, possible_orders: &[u32]) -> Vec<RotaryE
     for (axis, spec) in rotary.filter(|(_, spec)| spec.error_motion_um > 0.0) {
         let error_motion_sd_mm = spec.error_motion_um * 1e-3;
         let terms = harmonic_sd_by_order(error_motion_sd_mm, &spec.error_motion_orders, possible_orders);
-        for (n, amplitude_sd_mm) in terms {
+        for (n, coefficient_sd_mm) in terms {
             for shape in [ErrorShape::Cos(n), ErrorShape::Sin(n)] {
                 let errors = Axis::LINEAR.map(|along| ErrorParameter::new(along, *axis, shape));
                 let errors = errors.into_iter().flatten();
-                motions.extend(errors.map(|error| RotaryErrorMotion { error, amplitude_sd_mm }));
+                motions.extend(errors.map(|error| RotaryErrorMotion { error, coefficient_sd_mm }));
             }
         }
     }

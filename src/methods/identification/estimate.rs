@@ -60,7 +60,8 @@ pub fn identify(
 }
 
 impl Identification {
-    /// The estimate without the sentences and figures that the method adds.
+    /// The estimate without the sentences and figures that the method adds. Its verdict is `undecided (model)` after a
+    /// misfit or an outlier, otherwise none.
     pub fn estimate(&self, method: &str) -> Estimate {
         let (figures, misfit) = (&self.fit_quality, &self.propagation.misfit);
         let parameters = self.outputs.all_parameters().enumerate();

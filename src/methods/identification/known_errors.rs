@@ -60,6 +60,7 @@ impl<'a> KnownErrors<'a> {
         Ok(Self { estimate, errors, symbols, covariance, derivatives_by_parameters })
     }
 
+    /// Error parameters of the kinematic model, in the order of `errors`; not the parameters of the estimate.
     pub fn parameters(&self) -> Vec<ErrorParameter> {
         self.errors.iter().map(|error| error.parameter).collect()
     }

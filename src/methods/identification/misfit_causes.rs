@@ -19,11 +19,12 @@ pub struct LikelyMisfitCause {
     pub name: String,
     /// Factor on the declared size of the source with the largest likelihood.
     pub size_factor: f64,
+    /// Increase of the natural log-likelihood of the residuals by that factor.
     log_likelihood_gain: f64,
 }
 
-/// The sources with joint effects on many observations that may be larger than declared, the most likely
-/// first.
+/// Up to `MAX_NAMED_MISFIT_CAUSES` sources with joint effects on many observations that may be larger than declared,
+/// the most likely first.
 pub fn find_likely_misfit_causes(solution: &SolvedModel<'_>, sources: &[UncertaintySource]) -> Vec<LikelyMisfitCause> {
     let mut list: Vec<LikelyMisfitCause> =
         sources.iter().filter_map(|source| evaluate_larger_source(solution, source)).collect();

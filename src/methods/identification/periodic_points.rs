@@ -24,7 +24,8 @@ impl PeriodicPoints {
     /// Merges points at one angle: the mean of their values, the largest of their u.
     ///
     /// # Errors
-    /// The points are unusable. The text is the end of a sentence about the function.
+    /// A number is missing or not finite, the points exceed one revolution, or a gap exceeds 90°. The text is the end
+    /// of a sentence about the function.
     pub fn new(function: &EstimatedFunction) -> Result<Self, String> {
         let EstimatedFunction { x, y, u, unit, .. } = function;
         let are_numbers = [x, y, u].iter().all(|list| list.iter().all(|value| value.is_finite()));

@@ -48,7 +48,8 @@ impl ProbeMapCoefficient {
 #[derive(Debug)]
 pub struct ProbeMap<'a> {
     prior: &'a Estimate,
-    /// The parts whose u does not exceed the size that `[probe]` declares for their order.
+    /// The parts whose u does not exceed the size that `[probe]` declares for their order, and those without a declared
+    /// size.
     coefficients: Vec<ProbeMapCoefficient>,
 }
 
@@ -61,7 +62,8 @@ impl<'a> ProbeMap<'a> {
     /// The probe map among the priors of the plan. `None`: there is none.
     ///
     /// # Errors
-    /// The plan has more than one map; the fit of the map contradicts its model; the map has no covariance.
+    /// The plan has more than one map; the fit of the map contradicts its model; the map has no covariance, or for
+    /// every order a larger u than the machine file declares.
     pub fn from_plan(plan: &'a Plan) -> Result<Option<Self>, MethodRefusal> {
         let mut maps = plan.priors.iter().filter(|prior| prior.method == PROBE_QUALIFICATION_METHOD_NAME);
         let (prior, again) = (maps.next(), maps.next());
@@ -173,7 +175,7 @@ fn read_map_coefficients(prior: &Estimate) -> Vec<ProbeMapCoefficient> {
     parts
 }
 
-/// Whether the step is a touch of the probe.
+/// Whether the step is a touch of the probe, also of a reference; a scan is not.
 pub fn is_probe_touch(step: &Step) -> bool {
     matches!(step.kind, StepKind::Touch | StepKind::Reference) && step.scan.is_none()
 }
@@ -206,6 +208,7 @@ pub fn subtract_pre_travel<'r>(plan: &Plan, readings: &'r [Reading]) -> Result<C
     Ok(Cow::Owned(readings))
 }
 
+/// Refuses a step without a commanded position of S if the machine has an axis S.
 fn check_spindle_oriented(plan: &Plan, step: &Step) -> Result<(), MethodRefusal> {
     let turns = plan.machine.axes.contains_key(&Axis::S);
     MethodRefusal::require(

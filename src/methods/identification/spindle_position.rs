@@ -67,7 +67,8 @@ impl StatedStylusUncertainty {
 
 impl<'a> KnownErrors<'a> {
     /// Adds the position of the spindle, where the estimate contains it in the coordinates of the stylus: as location
-    /// errors of the last axis of the tool branch, with the symbols `tool_x`, `tool_y`, `tool_z`.
+    /// errors of the last axis of the tool branch, with the symbols `tool_x`, `tool_y`, `tool_z`. Adds nothing if the
+    /// estimate lacks their joint covariance.
     pub fn with_spindle_position(mut self, position: &SpindlePosition<'a>) -> Self {
         let Some(all) = prior_covariance(
             self.estimate,
@@ -129,7 +130,8 @@ impl<'a> SpindlePosition<'a> {
     }
 }
 
-/// Whether the estimate contains the position of the spindle, which requires that the spindle was turned.
+/// Whether the estimate contains the position of the spindle along X or Y, which requires that the spindle was turned;
+/// always `false` for Z.
 fn has_spindle_location(component: Axis, known: &KnownErrors<'_>) -> bool {
     let location = ErrorParameter::new(component, Axis::S, ErrorShape::Location);
     component != Axis::Z && location.is_ok_and(|location| known.has_error(location))

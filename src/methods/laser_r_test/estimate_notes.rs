@@ -57,6 +57,7 @@ fn gain_warning(result: &IdentificationResult<'_>) -> Option<String> {
     })
 }
 
+/// Warning about the group with the largest form error, if that error exceeds `form_limit_um`.
 fn form_warning(result: &IdentificationResult<'_>) -> Option<String> {
     let forms = result.form_error_of_each_group_mm();
     let (form, group) = forms.iter().zip(&result.grouped.groups).max_by(|a, b| a.0.total_cmp(b.0))?;
@@ -68,6 +69,7 @@ fn form_warning(result: &IdentificationResult<'_>) -> Option<String> {
         .then(|| format!("{}: residuals of {subject} spread over {:.1} um; {remedy}", group.label, form * 1e3))
 }
 
+/// Warning if the samples scatter more than 1.5 times the declared noise of the sensor. `None` also for a touch probe.
 fn noise_warning(result: &IdentificationResult<'_>) -> Option<String> {
     if result.setup.uses_touch_probe() {
         return None;

@@ -83,7 +83,7 @@ fn half_lag_direction(axis: Axis, last_motion_sign: Vector3<f64>) -> Vector3<f64
 }
 
 /// # Errors
-/// No sample is on the sphere, or the passes do not separate latency and lags.
+/// No sample is on the sphere, the passes do not separate latency and lags, or the iteration does not converge.
 pub fn fit_latency(setup: &LaserSetup<'_>, scans: &[TimedScan<'_>]) -> Result<LatencyEstimate, IdentifyError> {
     let (mut latency_s, mut reliable_samples) = (0.0, Vec::new());
     for number in 0..MAX_LATENCY_ITERATIONS {

@@ -18,9 +18,9 @@ pub struct SampleMean {
     pub sample_count: usize,
     /// Mean time of the samples on the clock of the run, s.
     pub time_in_run_s: f64,
-    /// Mean velocity of X, Y, Z, mm/s.
+    /// Mean velocity of X, Y, Z, mm/s; zero for a dwell point or a touch.
     pub velocity: Vector3<f64>,
-    /// Mean sign of the last motion of each of X, Y, Z; 0 where unknown.
+    /// Mean sign of the last motion of each of X, Y, Z; 0 where unknown, and for a dwell point or a touch.
     pub last_motion_sign: Vector3<f64>,
 }
 
@@ -33,5 +33,6 @@ pub struct MeasuredScan {
     pub rotary_positions: Position,
     /// Rotation from the spindle frame to the machine frame.
     pub machine_from_spindle: Rotation3<f64>,
+    /// One entry for each dwell point, cell or touch.
     pub sample_means: Vec<SampleMean>,
 }

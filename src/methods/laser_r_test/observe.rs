@@ -24,11 +24,11 @@ const MAX_STANDSTILL_MOTION_MM: f64 = 0.005;
 pub struct ObservedScans {
     /// Scans with usable data; continuous ones corrected for latency and lost motion.
     pub scans: Vec<MeasuredScan>,
-    /// Descriptions of the steps that contain no usable data.
+    /// Descriptions of the scans without usable data, or whose data do not determine the centre.
     pub skipped_scans: Vec<String>,
-    /// Number of unused samples by reason.
+    /// Number of unused samples by reason, without those of `unreliable_sample_count`.
     pub excluded_sample_counts_by_reason: BTreeMap<&'static str, usize>,
-    /// Number of all samples, used or not.
+    /// Number of all samples of the newest repeats, used or not.
     pub sample_count: usize,
     /// Scatter of the samples at each dwell point and in each cell: Σ(sample − mean)² in mm², and its degrees of
     /// freedom.
@@ -38,6 +38,7 @@ pub struct ObservedScans {
     /// Number of valid samples of continuous scans that are not used: near a reversal or at standstill of an axis, at
     /// an abrupt change of velocity, or without a position.
     pub unreliable_sample_count: usize,
+    /// Interruptions with readings after them.
     pub interruptions: Vec<Interruption>,
     /// Descriptions of motions of continuous scans with too few samples.
     pub sparse_motions: Vec<String>,
@@ -80,7 +81,8 @@ impl ObservedScans {
     }
 }
 
-/// Reads the newest readings of each scan of the plan: poses, heights, latency and search.
+/// Reads the newest repeat of each scan of the plan (poses, heights, latency and search), without the references
+/// measured again after a stop.
 ///
 /// # Errors
 /// A reading belongs to no step of the plan, the latency is not determined, or an interruption has no references
@@ -143,7 +145,7 @@ fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<Interrupt
     Ok(times_s.map(with_limit).collect::<Result<_, _>>()?)
 }
 
-/// Estimates the latency from the latency scans.
+/// Estimates the latency from the latency scans. `None`: there are no continuous scans.
 fn estimate_latency(
     setup: &LaserSetup<'_>,
     uncorrected_scans: &[UncorrectedScan],

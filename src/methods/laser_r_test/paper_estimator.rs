@@ -19,8 +19,8 @@ const ZERO_ANGLE_TOLERANCE_RAD: f64 = 1e-9;
 /// Largest distance between two stated axes that count as intersecting.
 const AXIS_INTERSECTION_TOLERANCE_MM: f64 = 1e-6;
 
-/// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm. `None`: the machine is not that of the paper (a B table that
-/// carries C), or its circles were not measured.
+/// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm. `None`: a touch probe was used, the machine is not that of
+/// the paper (a B table that carries C, axes that intersect), or its circles were not measured.
 pub fn identify_by_paper_method(setup: &LaserSetup<'_>, grouped: &GroupedScans, x: &[f64]) -> Option<[f64; 5]> {
     let machine = &setup.plan.machine;
     let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == AxisSense::Iso);

@@ -43,7 +43,8 @@ pub fn table_rotary_axes(chain: &KinematicChain) -> Vec<Axis> {
 /// B carries.
 ///
 /// # Errors
-/// A name is invalid, belongs to an axis that the machine does not have, or is given twice.
+/// A name is invalid, belongs to an axis that the machine does not have, or is given twice; or there are `orders`, but
+/// no axis tilts the table.
 pub fn select_parameters(
     chain: &KinematicChain,
     names: &[String],

@@ -21,6 +21,7 @@ const SCAN_POINT_STD_U_FLOOR_MM: f64 = 1e-6;
 /// Pose of a group of scans that determine one centre of the sphere.
 #[derive(Debug, Clone)]
 pub struct PoseGroup {
+    /// Label of the first scan of the group.
     pub label: String,
     /// Positions of all rotary axes.
     pub rotary: Position,

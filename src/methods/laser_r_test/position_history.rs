@@ -117,7 +117,7 @@ impl PositionHistory {
         self.sensor_times_and_values.iter().filter_map(timed_sample).collect()
     }
 
-    /// The same sample with another latency, without another check of its reliability.
+    /// The same sample with another latency, without another check of its reliability. `None`: there is no position.
     pub fn sample_at_latency(&self, sample: &TimedSample, latency_s: f64) -> Option<TimedSample> {
         let t_s = sample.sensor_stamp_s - latency_s;
         Some(TimedSample { xyz: self.position_at(t_s)?, velocity: self.velocity_at(t_s)?, ..*sample })
@@ -129,7 +129,8 @@ impl PositionHistory {
     }
 
     /// Position between two stamps by cubic (Hermite) interpolation with the velocities at the stamps. The error of
-    /// linear interpolation under acceleration would be 1 um at 500 mm/s² and 4 ms.
+    /// linear interpolation under acceleration would be 1 um at 500 mm/s² and 4 ms. `None`: outside the stamps or in a
+    /// gap.
     fn position_at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let next = self.stamp_times_s.partition_point(|stamp| *stamp < t_s);
         let node =

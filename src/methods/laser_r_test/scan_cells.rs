@@ -84,6 +84,7 @@ fn longest_scan_side_mm(samples: &[TimedSample]) -> f64 {
 pub struct FittedScanSphere {
     /// Matrix from X, Y, Z to the machine frame.
     machine_from_xyz: Matrix3<f64>,
+    /// Fitted centre, machine frame; it includes the sensor's zero position.
     centre_mm: Vector3<f64>,
     radius_mm: f64,
     /// Direction of the beam, machine frame.

@@ -5,13 +5,13 @@ use machine::Position;
 /// Purpose of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ScanPurpose {
-    /// Search for the sphere. Nothing is identified from it.
+    /// Search for the sphere. Its samples are used only while there are no scans at poses or heights.
     Search,
     /// Measurement of the latency between the sensor and the axis positions.
     Latency,
     /// Scan at one of the heights that determine the beam's direction.
     BeamDirection,
-    /// Measurement of the centre at one position of the rotary axes.
+    /// Measurement of the centre at one position of the rotary axes, also as a reference.
     CentreAtPose,
 }
 

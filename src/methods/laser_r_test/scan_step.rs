@@ -85,6 +85,9 @@ fn feed_and_sampling(setup: &LaserSetup<'_>, motion: ScanMotion) -> (f64, Sampli
 }
 
 /// Half length of a line, mm: as far as the incidence limit allows for the largest position error of the sphere.
+///
+/// # Errors
+/// The sphere is too small for its position error, or its stem points at the sensor.
 fn scan_half_length_mm(
     setup: &LaserSetup<'_>,
     geometry: &ExpectedGeometry,

@@ -52,7 +52,7 @@ pub struct LaserRTestSettings {
     /// Dwell points on each of the two lines of a cross. For a continuous scan, number of cells over the longest
     /// side of the scan.
     pub points: usize,
-    /// Largest distance of the sphere from its expected position, mm.
+    /// Largest distance of the sphere from its expected position after the search, mm.
     #[serde(rename = "margin_mm")]
     pub max_position_error_mm: f64,
     /// Feed of the scans.
@@ -146,11 +146,11 @@ impl LaserRTestSettings {
             "form_limit_um must be greater than 0",
             "omit it, or choose about 10",
         )?;
-        self.check_none_or_three_heights()?;
+        self.check_none_or_at_least_three_heights()?;
         MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 
-    fn check_none_or_three_heights(&self) -> Result<(), MethodRefusal> {
+    fn check_none_or_at_least_three_heights(&self) -> Result<(), MethodRefusal> {
         let count = count_different_heights(&self.heights_mm);
         MethodRefusal::require(
             self.heights_mm.is_empty() || count >= 3,

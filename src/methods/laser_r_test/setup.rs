@@ -32,7 +32,7 @@ pub struct LaserSetup<'a> {
 
 impl<'a> LaserSetup<'a> {
     /// # Errors
-    /// There is no sensor or no sphere, or the kinematics of the machine cannot be built.
+    /// A setting is invalid, there is no sensor or no sphere, or the kinematics of the machine cannot be built.
     pub fn new(plan: &'a Plan, settings: &'a LaserRTestSettings) -> Result<Self, MethodRefusal> {
         settings.check()?;
         let chain = KinematicChain::new(&plan.machine)?;
@@ -107,7 +107,7 @@ impl<'a> LaserSetup<'a> {
     /// is empty.
     ///
     /// # Errors
-    /// A configured position is outside the axis' limits, or an axis does not reach zero.
+    /// The table has no rotary axis, a configured position is outside the axis' limits, or an axis does not reach zero.
     pub fn nonzero_tilt_and_turn_positions(&self) -> Result<[Vec<Position>; 2], MethodRefusal> {
         let axes = table_rotary_axes(&self.chain);
         let tilt = axes.iter().find(|axis| tilts_table(&self.chain, **axis));

@@ -182,7 +182,7 @@ impl ScanPointGeometry<'_> {
         let shift = |(i, group): (usize, &PoseGroup)| {
             let at = group.axis_positions(self.grouped.centre_equations.group_centre(x, i));
             let column = chain.error_jacobian(&at, tip, &[], &[motion.error]);
-            group.machine_from_table * column.first().copied().unwrap_or_default() * motion.amplitude_sd_mm
+            group.machine_from_table * column.first().copied().unwrap_or_default() * motion.coefficient_sd_mm
         };
         let shifts: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(shift).collect();
         let rows = self.grouped.centre_equations.scan_points.iter().zip(&self.normals);

@@ -25,7 +25,7 @@ pub fn nominal_geometry(setup: &LaserSetup<'_>) -> ExpectedGeometry {
 /// those of the plan without readings.
 ///
 /// # Errors
-/// The sphere is not found in the readings.
+/// The readings do not determine the sphere or the latency, or the sphere is too far from its stated position.
 pub fn measured_geometry(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<ExpectedGeometry, MethodRefusal> {
     let nominal = nominal_geometry(setup);
     if readings.is_empty() {

@@ -141,7 +141,7 @@ fn inseparable_errors_refusal(why: String) -> MethodRefusal {
 /// Plans the requested stage, which follows the `done` ones.
 ///
 /// # Errors
-/// The errors of [`plan_scan_step`].
+/// The errors of [`plan_scan_step`], or with a touch probe of `touches::ball_touch_steps`.
 pub fn build_stage(
     setup: &LaserSetup<'_>,
     stage_request: &StageRequest,

@@ -87,6 +87,9 @@ pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyErro
 }
 
 /// Iterates weights from the scatter and scatter from the residuals, from equal weights on.
+///
+/// # Errors
+/// The equations are rank deficient, or all touches at one feed are identical and no resolution is declared.
 fn iterate_weights(
     observed: &ObservedTouches,
     a: &Mat<f64>,
@@ -148,7 +151,8 @@ fn uncertainty_sources(
         .map(|source| UncertaintySource { residual_treatment: ResidualTreatment::ExcludedFromChi2, ..source })
 }
 
-/// Middle and half of the time span of the touches, s. The half span is 1 if all times are equal.
+/// Middle and half of the time span of the touches, s; in touch numbers if the readings have no times. The half span is
+/// 1 if all times are equal.
 fn time_middle_and_half_span_s(touches: &[ObservedTouch]) -> [f64; 2] {
     let times = || touches.iter().map(|touch| touch.time_in_run_s_or_order);
     let first = times().fold(f64::INFINITY, f64::min);

@@ -28,6 +28,7 @@ pub struct ObservedTouch {
     pub earlier_interruption_count: usize,
 }
 
+/// Touches of a run, with all repeats, without the search touch and without flagged readings.
 pub struct ObservedTouches {
     pub touches: Vec<ObservedTouch>,
     /// Slow and fast feed, mm/min.
@@ -67,7 +68,8 @@ fn distance_along_touch(step: &Step, position: &Position) -> Option<f64> {
 /// Checks that the search found the part where touches at both feeds are possible.
 ///
 /// # Errors
-/// The part is too near to the start or to the end of the touch: a fast touch would not be at its feed at contact.
+/// The search has no reading, or the part is too near to the start or to the end of the touch: a fast touch would not
+/// be at its feed at contact.
 pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]) -> Result<(), MethodRefusal> {
     let search = plan.steps.iter().find(|step| step.label == SEARCH_STEP_LABEL);
     let contact = search.and_then(|step| {
@@ -91,11 +93,11 @@ pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]
     ))
 }
 
-/// Distances to contact of all touches except the search.
+/// Distances to contact of all touches with their repeats, except the search and flagged readings.
 ///
 /// # Errors
-/// Readings do not belong to the plan or are missing; the plan has not exactly two feeds or too few touches at one
-/// of them; touches are of different positions or contact the part before they reach their feed.
+/// Readings do not belong to the plan or are missing; the plan has not exactly two feeds or too few touches at one of
+/// them; touches are of different positions or contact the part before they reach their feed.
 pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouches, IdentifyError> {
     let steps: Vec<&Step> = plan.steps.iter().filter(|step| step.label != SEARCH_STEP_LABEL).collect();
     IdentifyError::check_known_and_unique(plan, readings)?;
@@ -135,7 +137,7 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
     Ok(ObservedTouches { touches, feeds_mm_min, resolution_mm, mean_contact_distance_mm, has_times })
 }
 
-/// Slow and fast feed, mm/min.
+/// Slow and fast feed, mm/min. Error: the steps do not have exactly two different feeds.
 fn slow_and_fast_feed(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     let mut feeds: Vec<f64> = steps.iter().map(|step| step.feed_mm_min).collect();
     feeds.sort_by(f64::total_cmp);
@@ -146,7 +148,8 @@ fn slow_and_fast_feed(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     }
 }
 
-/// Distance from the start of a touch to the latched position, mm. Error: the axes were not at full feed at contact.
+/// Distance from the start of a touch to the latched position, mm. Error: the contact is nearer to the start or to the
+/// end than the acceleration distance, or X, Y, Z or the time is not a finite number.
 fn contact_distance_at_full_feed(plan: &Plan, step: &Step, reading: &Reading) -> Result<f64, IdentifyError> {
     let (label, length) = (&step.label, touch_direction_and_length(step).1);
     let at = distance_along_touch(step, &reading.position).filter(|at| at.is_finite() && reading.t_s.is_finite());

@@ -31,7 +31,7 @@ pub const MIN_PLANNED_TOUCHES_PER_FEED: u32 = 5;
 const MAX_PLANNED_TOUCHES_PER_FEED: u32 = 200;
 
 impl LatchDelaySettings {
-    /// Rejects settings that would fail during the run.
+    /// Checks `touches` and `direction_deg`. `fast_feed_mm_min` is checked when the feeds are chosen.
     pub fn check(&self) -> Result<(), MethodRefusal> {
         MethodRefusal::require(
             (MIN_PLANNED_TOUCHES_PER_FEED..=MAX_PLANNED_TOUCHES_PER_FEED).contains(&self.touches),

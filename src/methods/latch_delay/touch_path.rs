@@ -19,9 +19,9 @@ use planning::{BallMeasurementRequest, BallTouchMode, TouchAccess};
 
 /// Label of the first touch, which is not used for identification.
 pub const SEARCH_STEP_LABEL: &str = "search";
-/// Clearance before the first possible contact, mm.
+/// Clearance at the start of a touch in addition to position uncertainty and feed margin, mm.
 const STANDOFF_MM: f64 = 0.5;
-/// Distance beyond the last possible contact, mm.
+/// Distance at the end of a touch in addition to position uncertainty and feed margin, mm.
 const OVERRUN_MM: f64 = 0.3;
 /// Minimum cosine of the angle between the part's axis and +Z of the table frame: one degree.
 const MIN_COSINE_TO_TABLE_Z: f64 = 0.99985;
@@ -49,7 +49,8 @@ impl TouchEndsAndNormal {
     /// Touch of the flank of a cylinder, or of the first accessible ball.
     ///
     /// # Errors
-    /// The axes reach no position, or none is free of collision.
+    /// The artefact is neither a cylinder nor balls, the cylinder is not upright, the axes reach no position, or no
+    /// touch of a ball is free of collision. A touch of a cylinder is not checked for collision here.
     pub fn from_plan(plan: &Plan, settings: &LatchDelaySettings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
         let half_travel_mm = max_misplacement_mm(&plan.artefact) + feeds.fast_touch_margin_mm;
         match &plan.artefact {
@@ -169,7 +170,8 @@ fn axis_out_of_travel(plan: &Plan, path: &TouchEndsAndNormal) -> Option<Axis> {
     ends.filter(|(axis, _)| axis.is_linear()).find(is_outside).map(|(axis, _)| axis)
 }
 
-/// Touch of the first ball that can be measured, from a free direction.
+/// Touch of the first ball that can be measured, from the free direction that is nearest to `direction_deg`, by default
+/// from above.
 fn ball_touch(
     plan: &Plan,
     settings: &LatchDelaySettings,

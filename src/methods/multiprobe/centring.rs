@@ -60,7 +60,7 @@ impl CentringResult {
         watched.collect()
     }
 
-    /// Text of the prompt.
+    /// Text of the prompt: the move in X and Y that centres each section, and the limit.
     pub fn prompt_text(&self, setup: &MultiprobeSetup<'_>) -> String {
         let section = |(number, [x, y]): (usize, &[f64; 2])| {
             format!("section {number} by X {:+.1} µm, Y {:+.1} µm", -x * 1e3, -y * 1e3)

@@ -37,7 +37,8 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 ///
 /// # Errors
 /// The readings do not belong to the plan or do not separate motion and artefact; channels are swapped or have a
-/// separate clock; the index angles of one mounting and all later ones are wrong.
+/// separate clock; the artefact was turned in the opposite direction; the index angles of one mounting and all later
+/// ones are wrong. A single wrong mounting is no error: it is left out with a warning.
 pub fn build_estimate(
     plan: &Plan,
     settings: &MultiprobeSettings,

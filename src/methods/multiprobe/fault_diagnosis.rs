@@ -24,6 +24,7 @@ const FINE_INDEX_OFFSET_STEP_DEG: f64 = 0.1;
 /// Fault of the layout or of a channel that explains the data.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LayoutFault {
+    /// The two channels of these names are swapped.
     #[error("channels {0} and {1} are swapped: exchange their plugs or their names")]
     SwappedChannels(String, String),
     /// The artefact was mounted at its planned angle plus `offset_deg` (counter-clockwise seen from +Z) at the
@@ -36,11 +37,13 @@ pub enum LayoutFault {
         if *.affects_later_mountings { "these mountings" } else { "this mounting" }
     )]
     WrongIndexAngle { first_index: usize, affects_later_mountings: bool, offset_deg: f64 },
+    /// The artefact was turned in the opposite direction at each mounting.
     #[error(
         "the artefact was turned in the opposite direction at each mounting (clockwise seen from \
          its tip): correct turn_deg, or measure again"
     )]
     MirroredIndexAngles,
+    /// The rate of this channel's clock deviates by `relative_error` (0.01 = 1 %), positive if the clock is fast.
     #[error("the clock of channel {channel} is {:.2} % fast: correct this clock, and measure \
              again", .relative_error * 100.0)]
     ClockError { channel: String, relative_error: f64 },
@@ -53,13 +56,14 @@ pub enum LayoutCheck {
     Confirmed,
     /// χ² is plausible, but the artefact is too round: a wrong index would not be detected.
     NotVerifiable,
+    /// χ² is implausible, and this fault explains more than 90 % of it.
     Faulty(LayoutFault),
     /// The mountings differ by more than declared, and no wrong index explains the difference.
     Contradictory,
 }
 
-/// Whether χ² is below its upper bound. `expected_chi2_ratio`: χ² divided by its degrees of freedom if all sources
-/// are as declared, 1 for noise alone.
+/// Whether χ² is not above its upper bound, or there are no degrees of freedom for a bound. `expected_chi2_ratio`: χ²
+/// divided by its degrees of freedom if all sources are as declared, 1 for noise alone.
 fn is_chi2_plausible(chi2: f64, dof: usize, expected_chi2_ratio: f64, data: &HarmonicData) -> bool {
     // The scatter in the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
     let of_scatter = data.harmonic_scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
@@ -134,7 +138,7 @@ fn chi2_increase_of_index_shift(layout: &ProbeLayout, data: &HarmonicData, fit: 
 }
 
 /// Smallest χ² of all rows, and the index offset of the moved rows at which χ² is smallest, rad. Motions and form are
-/// fitted to the other rows. `None`: there are fewer than two other indexes.
+/// fitted to the other rows. `None`: there is no moved row, or there are fewer than two other indexes.
 fn least_chi2_and_index_offset_rad(
     layout: &ProbeLayout,
     data: &HarmonicData,

@@ -17,7 +17,8 @@ const MIN_HOUSING_ANGLE_DEG: f64 = 30.0;
 /// Refuses surfaces that the observation equation does not describe.
 ///
 /// # Errors
-/// A section has no height; the layout has a face but not two sections; the sensors of the face have different radii.
+/// There are not one or two sections; a sensor measures at a section without a height; the layout has a face but not
+/// two sections; the sensors of the face have different radii.
 pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
     let sections = layout.section_z_mm.len();
     let is_placed = |c: &SensorChannel| !matches!(c.surface, MeasuredSurface::Section(i) if i >= sections);

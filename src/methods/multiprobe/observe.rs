@@ -120,7 +120,8 @@ fn scan_revolutions(
     common_and_rejected_revolutions(index, &names.map(channel).collect::<Vec<_>>())
 }
 
-/// Deviations m = −value (see `model.rs`): a surface that moves towards a sensor decreases its value.
+/// Deviations m = −value (see `model.rs`): a surface that moves towards a sensor decreases its value. Samples without a
+/// value, with a flag other than `Gap`, or in a saturated range are marked invalid.
 fn channel_samples<'r>(
     setup: &MultiprobeSetup<'_>,
     readings: impl Iterator<Item = &'r &'r Reading>,

@@ -26,7 +26,8 @@ pub struct MultiprobeSetup<'a> {
 
 impl<'a> MultiprobeSetup<'a> {
     /// # Errors
-    /// There is no table axis along Z, the artefact is of another kind, or a sensor does not point at the artefact.
+    /// There is no table axis along Z, the artefact is of another kind, `at` lacks a linear axis or contains the
+    /// measured axis, or a sensor does not point at the artefact.
     pub fn new(plan: &'a Plan, settings: &'a MultiprobeSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let table =
@@ -99,6 +100,7 @@ fn sensor_channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]
     }
 }
 
+/// Error: another kind of artefact, or an axis of the cylinder that deviates from +Z by a slope of 0.01 or more.
 fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
     match &plan.artefact {
         Artefact::DatumCylinder(cylinder)

@@ -137,8 +137,8 @@ fn gain_effect(data: &HarmonicData, channel: usize) -> Vec<f64> {
     observed.zip(rows).map(|(m, row)| if row.channel_index == channel { m } else { 0.0 }).collect()
 }
 
-/// Displacement proportional to the angle, along X, Y and Z. Over one revolution it is v·(q/2π − ½) = −Σ v/(πk)·sin
-/// kq.
+/// Effects on all observations, mm, of a displacement proportional to the angle, one column for each of X, Y and Z that
+/// the layout measures. Over one revolution the displacement is v·(q/2π − ½) = −Σ v/(πk)·sin kq.
 fn drift_effects(layout: &ProbeLayout, data: &HarmonicData, u_mm_per_revolution: f64) -> Vec<Vec<f64>> {
     let components = layout.components();
     let column = |j: usize| {

@@ -178,8 +178,9 @@ impl<'a> ErrorPredictor<'a> {
         )
     }
 
-    /// Symbols of the axis errors in the estimate.
-    pub fn axis_error_symbols(&self) -> &[&'a str] {
+    /// Symbols of all errors that the prediction uses: the axis errors of the estimate, and `tool_x`, `tool_y`,
+    /// `tool_z` where these give the position of the spindle.
+    pub fn predicted_error_symbols(&self) -> &[&'a str] {
         &self.known_errors.symbols
     }
 
@@ -201,11 +202,11 @@ impl<'a> ErrorPredictor<'a> {
         (displacement, chain.error_jacobian(at, point, &known_errors.errors, &known_errors.parameters()))
     }
 
-    /// Checks that a pose lies within the ranges over which the estimate was measured. An axis that the pose
-    /// does not name is at 0.
+    /// Checks that a pose lies within the ranges over which the estimate was measured. An axis that the pose does not
+    /// name is at 0.
     ///
     /// # Errors
-    /// An axis is outside its range; the estimate does not state the ranges.
+    /// An axis is outside its range; an axis without a range is not at 0; the estimate does not state the ranges.
     pub fn check_measured_range(&self, at: &Position) -> Result<(), MethodRefusal> {
         self.check_has_measured_ranges()?;
         for (axis, value) in at.iter().filter(|(axis, _)| !self.measured_ranges.contains_key(axis)) {

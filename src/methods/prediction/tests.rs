@@ -102,7 +102,7 @@ fn correction_removes_the_error_and_leaves_its_uncertainty() {
     estimate.covariance.rows[offset][offset] = 4.0;
     let machine = machine();
     let new = || ErrorPredictor::new(&machine, STATED, &estimate, WorkZero::TableOrigin).unwrap();
-    let symbols = new().axis_error_symbols().to_vec();
+    let symbols = new().predicted_error_symbols().to_vec();
     let half_turn = position([30.0, 20.0, 400.0], [0.0, std::f64::consts::PI, 0.0]);
     let corrected = new().with_corrected_errors(&symbols).unwrap();
     assert!(corrected.pose_error(&half_turn).tip_error_mm.norm() < 1e-12);

@@ -119,7 +119,8 @@ impl ErrorPredictor<'_> {
         })
     }
 
-    /// Results of [`ErrorPredictor::volume_errors`] in words.
+    /// Results of [`ErrorPredictor::volume_errors`] in words. With fewer than three poses, the line for the best fit is
+    /// left out.
     pub fn describe_volume_errors(errors: [VolumeError; 2], poses: &[Position]) -> Vec<String> {
         let names = ["relative to the work zero", "after a best fit of the workpiece"];
         let line = |(reference, error): (&str, VolumeError)| {

@@ -20,7 +20,8 @@ pub struct QualificationFit {
 }
 
 /// # Errors
-/// The touches do not separate the unknowns, or none is repeated.
+/// The touches do not separate the unknowns, no touch is repeated, or repeated touches do not scatter and no resolution
+/// is declared.
 pub fn fit_touches(
     setup: &QualificationSetup<'_>,
     observed: &ObservedTouches,
@@ -83,7 +84,8 @@ fn subtract_group_means(observed: &ObservedTouches, residuals: &[f64]) -> Vec<f6
     touches.map(|(touch, residual)| residual - mean(touch.group_index)).collect()
 }
 
-/// Scatter within the groups, pooled over all groups.
+/// Scatter within the groups, pooled over all groups. Error: no touch is repeated, or the touches do not scatter and no
+/// resolution is declared.
 fn pooled_scatter(
     setup: &QualificationSetup<'_>,
     observed: &ObservedTouches,

@@ -37,6 +37,7 @@ pub struct MeasuredTouch {
     pub group_index: usize,
 }
 
+/// Slow and fast touches of one ball, with all repeats, without search touches and flagged readings.
 pub struct ObservedTouches {
     pub touches: Vec<MeasuredTouch>,
     /// Orientations of the spindle, degrees. Only 0 if the spindle is not turned.
@@ -125,7 +126,8 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
     })
 }
 
-/// All valid readings except the readings of the search touches, each with its step.
+/// All readings without a flag, except those of the search touches, each with its step. Error: readings do not belong
+/// to the plan or are missing, or X, Y, Z or the time is not a finite number.
 fn match_readings<'a>(
     setup: &QualificationSetup<'a>,
     readings: &'a [Reading],

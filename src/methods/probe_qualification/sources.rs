@@ -82,7 +82,7 @@ fn joint_source(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
     }
 }
 
-/// Part of the rounding error that the scatter of the touches does not average out: one draw per direction.
+/// Part of the rounding error that the scatter of the touches does not average out: one draw per group of touches.
 fn resolution_columns(
     setup: &QualificationSetup<'_>,
     observed: &ObservedTouches,

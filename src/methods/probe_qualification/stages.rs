@@ -44,7 +44,8 @@ pub fn next_stage(
     }
 }
 
-/// Search touches of all balls, with the spindle in its first orientation.
+/// Search touches of all balls, with the spindle in its first orientation. Error: one of the balls is not accessible,
+/// even if the setting `ball` selects another one.
 fn search_steps(setup: &QualificationSetup<'_>) -> Result<Vec<Step>, MethodRefusal> {
     let access = TouchAccess::new(setup.plan, &setup.plan.artefact)?;
     let rotary = setup.rotary_positions(0);
@@ -113,8 +114,9 @@ impl<'a> OrientationPlan<'a> {
         Ok(steps)
     }
 
-    /// The first selected ball whose touches in this orientation are all accessible, and the lowest candidate
-    /// elevation of its circle at which they are.
+    /// The first selected ball whose touches in this orientation are all accessible, and the lowest candidate elevation
+    /// of its circle at which they are. Error: the first reason for which a selected ball is not accessible, or no ball
+    /// has the selected id.
     fn accessible_ball_and_elevation(&self) -> Result<(&'a Ball, f64), MethodRefusal> {
         let ball_id = &self.setup.settings.ball;
         let is_selected = |ball: &&Ball| ball_id.is_empty() || ball.id == *ball_id;

@@ -32,8 +32,8 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 };
 
 /// # Errors
-/// Readings do not belong to the plan or do not separate the unknowns, or a sensor has another direction or gain
-/// than declared.
+/// Readings do not belong to the plan or do not separate the unknowns, the turns are not measured, or a sensor has
+/// another direction or gain than declared.
 pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let nest = SensorNest::new(plan, settings)?;
     let observed = observe_means(&nest, readings)?;

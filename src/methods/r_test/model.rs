@@ -26,6 +26,7 @@ const MAX_GAIN_ERROR: f64 = 0.2;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnknownIndices {
     pub sensor_count: usize,
+    /// Number of interruptions that have means before and after them.
     pub interruption_count: usize,
     /// Number of stops of the revolution. 0: none has been measured.
     pub stop_count: usize,
@@ -92,7 +93,7 @@ pub struct SensorEquations<'a> {
     pub nest: &'a SensorNest<'a>,
     pub means: &'a [SensorMean],
     pub unknowns: UnknownIndices,
-    /// Standard uncertainty of each mean, then of the sphere's position in X and Y, mm.
+    /// Standard uncertainty of each mean, then of the sphere's position in X and Y, mm. All 1 in unweighted equations.
     pub observation_std_u_mm: Vec<f64>,
 }
 
@@ -181,6 +182,7 @@ impl<'a> SensorEquations<'a> {
         [0, 1].map(|k| self.nest.sphere_offset_from_axis_mm[k] - x[first + k])
     }
 
+    /// Weighted residuals and their derivatives at `x`, as one block in which all unknowns are common.
     pub fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
         let residuals = self.weighted_residuals(x, &vec![0.0; self.observation_count()]);
         let mut rows = BlockRows::zeros(residuals.len(), 0, self.unknowns.unknown_count());
@@ -225,6 +227,7 @@ impl<'a> SensorEquations<'a> {
     }
 }
 
+/// `matching_sensor`: another sensor whose declared direction is the measured one; the cables may be exchanged.
 fn refuse_direction(name: &str, gradient: Vector3<f64>, matching_sensor: Option<&str>) -> MethodRefusal {
     let [i, j, k]: [f64; 3] = gradient.into();
     let reason = format!(

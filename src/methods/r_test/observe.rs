@@ -22,7 +22,7 @@ pub const BACKWARD_STEP_LABEL: &str = "turn/backward";
 pub enum SphereDisplacement {
     /// Known from the displayed positions, table frame, mm.
     Known(Vector3<f64>),
-    /// Unknown, at this stop of the revolution.
+    /// At this stop of the revolution, from 0. The fit determines the displacement; at stop 0 it is zero by definition.
     UnknownAtStop(usize),
 }
 
@@ -52,6 +52,8 @@ pub struct ObservedMeans {
     pub missing_mean_count: usize,
 }
 
+/// Means of the calibration scan and of both turns, each from the last repeat of its step.
+///
 /// # Errors
 /// A reading belongs to no step of the plan, or a scan has no reading.
 pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<ObservedMeans, IdentifyError> {
@@ -88,6 +90,7 @@ impl ObservedMeans {
         }
     }
 
+    /// Adds one mean per sensor, from its values without a flag or with the flag `Gap`.
     fn add_means_at_point(
         &mut self,
         nest: &SensorNest<'_>,

@@ -26,7 +26,7 @@ pub struct SensorNest<'a> {
     /// The measured axis.
     pub measured_axis: Axis,
     pub sensors: Vec<&'a Sensor>,
-    /// Positions of all axes with the sphere in the nest and the measured axis at zero.
+    /// Positions of all axes except the spindle with the sphere in the nest and the measured axis at zero.
     pub origin: Position,
     /// Centre of the sphere at the origin, relative to a point of the nominal axis, machine frame, mm. Only X and Y
     /// are used.
@@ -35,8 +35,8 @@ pub struct SensorNest<'a> {
 
 impl<'a> SensorNest<'a> {
     /// # Errors
-    /// There is no table axis along Z, there are fewer than three sensors on the table, or the sensors do not point
-    /// at one point on the axis.
+    /// There is no table axis along Z, there are fewer than three sensors, a sensor is not on the table, or the lines
+    /// of the sensors are coplanar or do not meet in one point on the axis.
     pub fn new(plan: &'a Plan, settings: &'a RTestSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let table =

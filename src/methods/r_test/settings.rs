@@ -17,9 +17,9 @@ pub struct RTestSettings {
     pub feed_mm_min: f64,
     /// Feed of the turns, degrees per minute.
     pub feed_deg_min: f64,
-    /// Dwell time at a stop before its samples, s.
+    /// Dwell time at a stop or calibration point before its samples, s.
     pub dwell_s: f64,
-    /// Number of samples of each sensor at a stop.
+    /// Number of samples of each sensor at a stop or calibration point.
     pub samples: u32,
     /// Standard deviation of the sphere's form.
     pub u_sphere_form_um: f64,

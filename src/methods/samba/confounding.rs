@@ -187,6 +187,7 @@ impl MeasuringConditions<'_> {
     }
 
     /// Axis positions with the stylus tip at `ball` (table frame), for the rotary angles of the pose number `pose`.
+    /// `None`: no position of the linear axes reaches the ball.
     fn separability_pose(&self, pose: usize, ball: Vector3<f64>) -> Option<Position> {
         let turning = self.chain.topology().axes().filter(|axis| !axis.is_linear());
         let angle = |axis: Axis| match self.fixed_axes.contains(&axis) {

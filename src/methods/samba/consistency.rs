@@ -14,7 +14,7 @@ use machine::Axis;
 use machine::kinematics::ErrorShape;
 use machine::record::artefact::Ball;
 
-/// Probability of a false alarm over all measurements.
+/// Probability of a false warning of a moved ball, over all balls and all visits before which a ball may have moved.
 const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 /// Minimum share of χ² that the displacement of a ball must explain to be reported.
 const MIN_EXPLAINED_CHI2_SHARE: f64 = 0.3;
@@ -65,8 +65,9 @@ impl GeometrySolution<'_> {
         Some(self.describe_moved_ball(visits, *split, displacement_mm.norm() * 1e3))
     }
 
-    /// With two or more measurements on both sides only a displacement of the ball explains the misfit. A single
-    /// measurement at the end may be off because the ball moved, or because the measurement is wrong.
+    /// Warning that the ball moved by `um` before its visit `first_moved`. With two or more measurements on both sides
+    /// only a displacement of the ball explains the misfit. A single measurement at the end may be off because the ball
+    /// moved, or because the measurement is wrong.
     fn describe_moved_ball(&self, visits: &[usize], first_moved: usize, um: f64) -> String {
         let centre = |visit: usize| &self.observed.centres[visits[visit]];
         let (ball, before) =
@@ -85,8 +86,8 @@ impl GeometrySolution<'_> {
         )
     }
 
-    /// Reduction of χ² by a displacement of the ball before its visit `first_moved`, and the displacement (table
-    /// frame, mm): three more unknowns, with all others free.
+    /// Reduction of χ² by a displacement of the ball before its visit `first_moved`, and the displacement (table frame,
+    /// mm): three more unknowns, with all others free. Both are zero if the displacement is not determined.
     fn chi2_reduction_and_ball_move(&self, visits: &[usize], first_moved: usize) -> (f64, Vector3<f64>) {
         let column = |axis: Axis| {
             let mut column = vec![0.0; self.minimum.residuals.len()];

@@ -28,6 +28,7 @@ pub struct GeometryModel {
     fixed_axes: Vec<Axis>,
     /// Directions of the certified lengths, unit vectors, table frame.
     length_directions: Vec<Vector3<f64>>,
+    /// Indices, 0 for x to 2 for z, of the stylus coordinates that are unknowns.
     free_stylus_coordinates: Vec<usize>,
 }
 

@@ -40,8 +40,8 @@ pub struct GeometrySolution<'a> {
 }
 
 /// # Errors
-/// The readings do not belong to the plan or do not separate the unknowns; the kinematics of the machine
-/// cannot be built.
+/// The readings do not belong to the plan, contain no complete measurement of a ball, or do not separate the unknowns;
+/// the kinematics of the machine cannot be built.
 pub fn solve_geometry<'a>(
     plan: &'a Plan,
     settings: &'a SambaSettings,

@@ -44,6 +44,7 @@ pub struct Samba {
 }
 
 impl Samba {
+    /// Visits of the design in measuring order; designed again only if machine, probe or artefact have changed.
     fn designed_visits(&self, setup: &DesignSetup<'_>) -> Result<Arc<[BallVisit]>, MethodRefusal> {
         self.visit_cache.get_or_design(setup.plan, || {
             design::design_visits(setup, |visits| {

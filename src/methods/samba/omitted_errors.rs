@@ -50,8 +50,8 @@ impl OmittedError {
     }
 }
 
-/// One line per error, e.g. `EX0S: inseparable from tool_x (the spindle was not turned), so tool_x is given
-/// as tool_x + EX0S`.
+/// One line per inseparable error; separable errors that were not selected have none. Example: `EX0S: inseparable from
+/// tool_x (the spindle was not turned), so tool_x is reported as tool_x + EX0S`.
 pub fn describe_omitted_errors(all: &[OmittedError]) -> Vec<String> {
     let line = |omitted: &OmittedError| {
         let OmittedError { error, confounding, reason } = omitted;

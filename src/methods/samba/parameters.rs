@@ -40,17 +40,16 @@ pub fn select_parameters(
     conditions.chain.parse_parameters(names).map_err(|why| MethodRefusal::new(why.to_string(), remedy))
 }
 
-/// The complete and non-redundant set of location errors and gains, with free balls, a free stylus and one
-/// certified length: the location errors of the axes by ISO 230-1 and ISO 10791-6, without those that are
-/// equivalent to the stylus, the balls or an error already in the set.
+/// The complete and non-redundant set of location errors and gains, with free balls, a free stylus and one certified
+/// length: the location errors of the axes by ISO 230-1 and ISO 10791-6, without those that are equivalent to the
+/// stylus, the balls or an error already in the set.
 ///
-/// The set is found from the equations. Candidates are tried in the order of preference, and kept if their
-/// columns are not linear combinations of the earlier ones, on poses in all directions, without limits. The
-/// order is: the spindle, the rotary axes, the linear axes, each kind from the end of the chain towards the
-/// bed, with X last. X is therefore the primary axis, squareness belongs to the carried axis, and the offset between
-/// two rotary axes belongs to the axis nearer to the workpiece. The set is listed from the bed outwards, gains
-/// last. For wCBXFZYSt it is the thirteen errors of paper 4. An axis that does not move has no identifiable
-/// errors.
+/// The set is found from the equations. Candidates are tried in the order of preference, and kept if their columns are
+/// not linear combinations of the earlier ones, on poses in all directions, without limits. The order is: the gains,
+/// the spindle, the rotary axes, the linear axes, each kind from the end of the chain towards the bed, with X last. X
+/// is therefore the primary axis, squareness belongs to the carried axis, and the offset between two rotary axes
+/// belongs to the axis nearer to the workpiece. The set is listed from the bed outwards, gains last. For wCBXFZYSt it
+/// is the thirteen errors of paper 4. An axis that does not move has no identifiable errors.
 pub fn implied_parameters(conditions: MeasuringConditions<'_>) -> Vec<ErrorParameter> {
     let topology = conditions.chain.topology();
     let mut candidates = parameter_candidates(conditions.chain);
@@ -61,7 +60,7 @@ pub fn implied_parameters(conditions: MeasuringConditions<'_>) -> Vec<ErrorParam
     kept
 }
 
-/// All candidates in the order of preference.
+/// All candidates in the order of preference: gains, then location errors.
 fn parameter_candidates(chain: &KinematicChain) -> Vec<ErrorParameter> {
     let (workpiece, tool) = (chain.topology().workpiece_branch(), chain.topology().tool_branch());
     let from_bed = |axis| [workpiece, tool].iter().find_map(|b| b.iter().position(|a| *a == axis));

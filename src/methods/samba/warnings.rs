@@ -26,15 +26,16 @@ pub fn estimate_warnings(solved: &GeometrySolution<'_>, identified: &Identificat
     lines
 }
 
-/// Warning of a misfit, with the errors that a sag of the table would change.
+/// Warning of a misfit. Above the bound it also names the errors that a sag of the table would change.
 fn misfit_warning(solved: &GeometrySolution<'_>, identified: &Identification) -> Option<String> {
     let warning = identified.misfit_warning(&MISFIT_ADVICE)?;
     let is_above = identified.propagation.misfit.is_above_bound;
     Some(if is_above { warning + &describe_sag_errors(solved) } else { warning })
 }
 
-/// Sag follows the tilt. The effect of sag resembles a rotation about the tilting axis, and offsets of the axes that
-/// the tilting axis carries.
+/// Text that names the identified errors that a sag of the table would change. Empty: no axis tilts the table, or none
+/// of these errors is identified. Sag follows the tilt. The effect of sag resembles a rotation about the tilting axis,
+/// and offsets of the axes that the tilting axis carries.
 fn describe_sag_errors(solved: &GeometrySolution<'_>) -> String {
     let model = solved.problem.model();
     let table = model.chain().topology().workpiece_branch();
@@ -80,6 +81,7 @@ fn ball_form_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
     lines
 }
 
+/// One warning for each certified length that has an expansion coefficient but no temperature.
 fn missing_temperature_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
     let lengths = solved.balls.lengths.iter();
     let unknown = lengths.filter(|length| length.expansion_um_per_m_k != 0.0 && length.temperature_c.is_none());

@@ -38,6 +38,7 @@ impl CalibrationTest {
         matches!(self, CalibrationTest::ReferenceAfterTests(_))
     }
 
+    /// Name in labels of steps: `1a`, `1b` and so on, `2`, `3`; `R0` for the references before the first test.
     pub fn name(self) -> String {
         match self {
             CalibrationTest::Test1(probe) => format!("1{}", char::from(b'a' + (probe % 26) as u8)),
@@ -61,8 +62,9 @@ impl AngleGridDesign {
     /// The design of the settings.
     ///
     /// # Errors
-    /// There are fewer than 5 or more than 120 positions, a probe angle is off the grid, or gcd(k_b, N) ≠ 1 (rank
-    /// deficiency gcd − 1, METHODS section 1). The refusal names a design that works.
+    /// There are fewer than 5 or more than 120 positions, a probe angle is off the grid or occurs twice, there are
+    /// fewer than two probe angles or the first is not 0°, or gcd(k_b, N) ≠ 1 (rank deficiency gcd − 1, METHODS section
+    /// 1). The refusal names a design that works.
     pub fn new(settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let n = settings.positions;
         MethodRefusal::require(

@@ -53,7 +53,7 @@ pub fn check_well_posed(setup: &SelfCalibrationSetup<'_>) -> Result<(), MethodRe
     })
 }
 
-/// A reading at the start of its touch. Only its position in the design is used.
+/// A reading at the start of its touch, at the time step id + 1, s, so that the readings have different times.
 pub fn reading_at_touch_start(step: &Step) -> Reading {
     Reading::at_touch_start(step, f64::from(step.id) + 1.0)
 }
@@ -83,6 +83,8 @@ pub struct FittedRun {
     short_segment_reading_count: usize,
 }
 
+/// Fits all readings with the error motions in `setup.known_motions` subtracted.
+///
 /// # Errors
 /// Readings are missing, do not belong to the plan, or do not separate the unknowns.
 pub fn fit_readings(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> Result<FittedRun, IdentifyError> {
@@ -106,6 +108,7 @@ pub struct SolvedRun<'a> {
     pub fit: SelfCalibrationFit,
     pub identification: Identification,
     pub rotation_sense_check: RotationSenseCheck,
+    /// Whether the readings have times. If not, their order and the planned machine time are used.
     pub has_times: bool,
     /// Number of readings that are not used: too few directions were touched between their interruptions.
     pub short_segment_reading_count: usize,
@@ -136,7 +139,8 @@ pub fn solve_readings<'a>(
     Ok(SolvedRun { setup, fit, identification, rotation_sense_check, has_times, short_segment_reading_count })
 }
 
-/// One measurement per touch. Deviations are along the ray, positive outward.
+/// One measurement per observation: a repeat is a separate measurement with the same label. Deviations are along the
+/// ray, positive outward.
 fn touch_measurements(plan: &Plan, fit: &SelfCalibrationFit, residuals: &[f64]) -> Vec<MeasurementToCheck> {
     let label = |id: u32| {
         let step = plan.steps.iter().find(|step| step.id == id);

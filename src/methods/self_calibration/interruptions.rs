@@ -11,12 +11,13 @@ use crate::IdentifyError;
 /// determined. Any three different directions are sufficient.
 const MIN_SEGMENT_DIRECTIONS: usize = 3;
 
-/// Removes the interruptions from the times (s), and the observations of each segment between interruptions that
-/// has fewer than [`MIN_SEGMENT_DIRECTIONS`] directions. Returns the times of the interruptions on the remaining
-/// time scale, and the number of removed observations.
+/// Removes the interruptions from the times (s), and the observations of each segment between interruptions that has
+/// fewer than [`MIN_SEGMENT_DIRECTIONS`] directions. Returns the times of the interruptions on the remaining time
+/// scale, and the number of removed observations.
 ///
 /// # Errors
-/// The readings have no times, so it is unknown which readings precede an interruption.
+/// The readings have no times, so it is unknown which readings precede an interruption; or no segment has enough
+/// directions.
 pub fn remove_interruptions(
     observations: &mut Vec<RadiusObservation>,
     gaps_s: &[f64],

@@ -14,10 +14,11 @@ use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
 
-/// The measured axis: of the rotary axes that carry the workpiece and are along Z at the configured positions, the
-/// one next to the workpiece. With the geometry for its touches.
+/// The measured axis: of the rotary axes that carry the workpiece and are along Z at the configured positions, the one
+/// next to the workpiece; an axis that the setting `at` positions is excluded. With the geometry for its touches.
 pub struct MeasuredTableAxis {
     pub axis: Axis,
+    /// The entry of this axis in the machine file.
     pub stated_axis: StatedAxis,
     /// 1 if a positive command turns the table clockwise seen from +Z, otherwise −1.
     pub clockwise_sign: f64,
@@ -34,7 +35,8 @@ pub struct MeasuredTableAxis {
 
 impl MeasuredTableAxis {
     /// # Errors
-    /// No axis of the table is along Z at the configured positions, or a position is not possible on this machine.
+    /// No axis of the table is along Z at the configured positions, the spindle is not along Z, or a position is not
+    /// possible on this machine.
     pub fn new(plan: &Plan, settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let still = configured_rotary_position(plan, &settings.other_rotary_positions)?;
@@ -157,7 +159,8 @@ fn transform_part(part: &Cylinder, by: &Pose) -> Cylinder {
     }
 }
 
-/// Positions of all rotary axes except S: as configured, otherwise zero.
+/// Positions of all rotary axes except S: as configured, otherwise zero. Error: `at` contains a linear axis, S, an axis
+/// that the machine does not have, or a position outside the limits.
 fn configured_rotary_position(plan: &Plan, at: &Position) -> Result<Position, MethodRefusal> {
     let turns = |axis: Axis| !axis.is_linear() && axis != Axis::S;
     for (axis, value) in at.iter() {
@@ -176,6 +179,7 @@ fn configured_rotary_position(plan: &Plan, at: &Position) -> Result<Position, Me
     Ok(axes.map(|axis| (axis, at.get_or_zero(axis))).collect())
 }
 
+/// Whether the line is within one degree of Z, in either direction.
 fn is_parallel_to_machine_z(line: &AxisLine) -> bool {
     line.direction.z.abs() >= MIN_COSINE_TO_MACHINE_Z
 }

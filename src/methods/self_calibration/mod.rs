@@ -54,7 +54,8 @@ pub struct SelfCalibration {
 }
 
 impl SelfCalibration {
-    /// The fit of all readings of the run, without the estimate, for the benchmark of the trials.
+    /// The fit of all readings of the run, without the estimate and without the known error motions of the priors, for
+    /// the benchmark of the trials.
     ///
     /// # Errors
     /// The errors of `identify`.
@@ -169,7 +170,8 @@ fn refusal_from_error(error: IdentifyError) -> MethodRefusal {
     MethodRefusal::new(error.to_string(), error.remedy())
 }
 
-/// Centre of the part and radius of the ball centres, from the locating touches.
+/// Centre of the part and radius of the ball centres, from the locating touches. Error: no circle fits, or the part
+/// deviates from the stated one by more than `uncertainty_mm` in position, radius or height.
 fn locate_part(setup: &SelfCalibrationSetup<'_>, readings: &[Reading]) -> Result<PartGeometry, MethodRefusal> {
     let nominal = setup.nominal_part();
     let remedy = "check that the part of [artefact] is on the table, then start a new run";

@@ -12,11 +12,12 @@ use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 use planning::SafeHeights;
 
-/// The observations of all readings of a run, with their common data.
+/// The observations of the flank touches of a run, with their common data. Readings of locating and top touches,
+/// flagged readings and readings in too short segments are left out.
 pub struct ObservedReadings {
     pub observations: Vec<RadiusObservation>,
     /// Half the duration of the measurement, without interruptions, s: the unit of
-    /// [`RadiusObservation::relative_time`].
+    /// [`RadiusObservation::relative_time`]. Without times, half the planned machine time.
     pub half_duration_s: f64,
     /// Whether the readings have times. If not, their order and the planned machine time are used.
     pub has_times: bool,
@@ -33,7 +34,8 @@ const TABLE_ANGLE_TOLERANCE_RAD: f64 = 1.8e-3;
 const GRID_TOLERANCE_STEPS: f64 = 1.8e-3;
 
 /// # Errors
-/// A step has no reading, a reading has no step, a reading occurs twice, or the table was not at the planned angle.
+/// A step has no reading, a reading has no step, a reading occurs twice, all readings are flagged, a step is not on the
+/// grid, the table was not at the planned angle, or the run was interrupted and the readings have no times.
 pub fn extract_observations(
     setup: &SelfCalibrationSetup<'_>,
     readings: &[Reading],

@@ -53,8 +53,9 @@ impl SelfCalibrationSetup<'_> {
         Vector3::new(part.centre_mm[0] + x, part.centre_mm[1] + y, part.ball_centre_z_at_top_mm)
     }
 
-    /// All touches after locating, at every height, around the part at its measured position. The steps are not
-    /// numbered yet.
+    /// All touches after locating, around the part at its measured position: the whole cycle at one height after the
+    /// other. With `z_reference`, a touch of the top face follows each round of references. The steps are not numbered
+    /// yet.
     pub fn steps_after_locating(&self, part: PartGeometry) -> Result<Vec<Step>, MethodRefusal> {
         let touches = self.design.cycle_touches(self.settings.references);
         let mut steps = Vec::new();
@@ -148,8 +149,8 @@ impl SelfCalibrationSetup<'_> {
         Ok(Step { kind, feed_mm_min, ..Step::probe_touch(label, from, to, normal.into()) })
     }
 
-    /// Command of the axis for a grid index, rad: with the sense of the axis, and shifted by a full turn if the
-    /// limits require it.
+    /// Command of the axis for a grid index, rad: with the sense of the axis, and of the equivalent angles within the
+    /// limits the one nearest to zero. Error: no equivalent angle is within the limits.
     fn axis_command_rad(&self, index: usize) -> Result<f64, MethodRefusal> {
         let MeasuredTableAxis { axis, stated_axis, clockwise_sign: sense, .. } = &self.axis;
         let commanded_rad = self.design.grid_angle_rad(index) * sense;

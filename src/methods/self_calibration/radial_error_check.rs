@@ -105,6 +105,7 @@ fn radial_error_harmonic_slopes(layout: &UnknownsLayout, order: usize) -> Vec<Ve
     parts.iter().map(|turns| part(*turns)).collect()
 }
 
+/// `None`: there is no harmonic, or the covariance of the harmonics is zero.
 fn combine_harmonics(parts: &SolvedRun<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> {
     if slopes.is_empty() {
         return None;

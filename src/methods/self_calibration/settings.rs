@@ -103,8 +103,8 @@ impl SelfCalibrationSettings {
         MethodRefusal::check_monte_carlo_trials(self.monte_carlo_trials)
     }
 
-    /// Checks that the touches of flank and top reach the part at every position within its uncertainty, and that the
-    /// part is upright.
+    /// Checks that the touches of the top face, and with `locate` = false those of the flank, reach the part at every
+    /// position within its uncertainty, and that the part is upright.
     fn check_reach(&self, part: &Cylinder) -> Result<(), MethodRefusal> {
         let Cylinder { uncertainty_mm, axis, radius_mm, .. } = part;
         MethodRefusal::require(

@@ -38,7 +38,8 @@ impl<'a> SelfCalibrationSetup<'a> {
     /// The setup without known error motions.
     ///
     /// # Errors
-    /// The machine has no axis to measure, or the design is not well-posed.
+    /// The machine has no axis to measure, the artefact is not an upright cylinder, the settings would fail during the
+    /// run, or the design is not well-posed.
     pub fn new(plan: &'a Plan, settings: &'a SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let axis = MeasuredTableAxis::new(plan, settings)?;
         let stated_part = axis.part_in_machine_frame(artefact_cylinder(&plan.artefact)?);

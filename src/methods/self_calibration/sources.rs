@@ -14,7 +14,9 @@ use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorShape};
 use machine::record::plan::Plan;
 
-/// All sources, with the scatter of the touches first. `seconds_per_unit`: unit of the times of the observations, s.
+/// Sources of probe and linear axes, with the scatter of the touches first, and of thermal drift if no drift is fitted.
+/// The sources of the rotary axis and of interruptions are separate functions. `seconds_per_unit`: unit of the times of
+/// the observations, s.
 pub fn uncertainty_sources(
     setup: &SelfCalibrationSetup<'_>,
     layout: &UnknownsLayout,
@@ -71,7 +73,7 @@ pub fn rotary_axis_sources(
         let RotaryErrorMotion { error, .. } = motion;
         error.axis() == axis.axis && is_lost(error) && !known_motions.has_component(error.component())
     });
-    let column = |RotaryErrorMotion { error, amplitude_sd_mm: size_mm }| {
+    let column = |RotaryErrorMotion { error, coefficient_sd_mm: size_mm }| {
         let by = by_component(error.component());
         angles.iter().zip(by).map(|(angle, by)| size_mm * error.shape_factor(*angle) * by).collect()
     };

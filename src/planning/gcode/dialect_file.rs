@@ -22,6 +22,7 @@ pub(super) struct DialectFile {
     pub axes: Vec<Axis>,
     /// Work offset slot of the programs: there, work coordinates equal machine coordinates.
     pub work_offset: String,
+    /// Form of the names of inputs. Absent: the control has no readable inputs.
     #[serde(default)]
     pub inputs: InputNaming,
 }

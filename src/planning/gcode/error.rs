@@ -7,8 +7,10 @@ use machine::Axis;
 pub enum DialectError {
     #[error("unknown dialect `{name}`; available: {}", known.join(", "))]
     UnknownDialect { name: String, known: Vec<&'static str> },
+    /// The folder of the dialect in `gcode-templates/` is incomplete or contains an invalid file.
     #[error("gcode-templates/{folder}: {reason}")]
     InvalidFolder { folder: String, reason: String },
+    /// The value of a key of the machine file, a command or the name of an input, does not suit the dialect.
     #[error("{key} = \"{value}\" in the machine file: {reason}")]
     InvalidOption { key: String, value: String, reason: String },
 }

@@ -21,8 +21,8 @@ impl Dialect {
         rs274::read_program(text, Some(&self.dialect_file.work_offset), &self.options.declared_commands)
     }
 
-    /// Maximum difference between a position and the intended one, mm or rad: half a unit of the last decimal, and
-    /// a small allowance for the decimal fraction itself.
+    /// Maximum difference between a position and the intended one, mm or rad: half a unit of the last decimal, and a
+    /// small allowance for the decimal fraction itself. For S it is the tolerance of the third decimal of a degree.
     pub fn position_rounding_tolerance(&self, axis: Axis) -> f64 {
         let decimals = match axis {
             Axis::S => return axis.to_mm_or_rad(THIRD_DECIMAL_TOLERANCE),
@@ -36,7 +36,7 @@ impl Dialect {
     /// decimal, all in machine coordinates.
     ///
     /// # Errors
-    /// The first motion that has another meaning.
+    /// The number of motions differs, or a motion has another meaning; the error names the first such motion.
     pub fn check_read_motions(
         &self,
         step: u32,

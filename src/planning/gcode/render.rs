@@ -39,7 +39,8 @@ impl Dialect {
     /// The lines of one block; the N words contain the step's id.
     ///
     /// # Errors
-    /// A value is not finite, an axis has no word, or the control cannot execute the motion.
+    /// A value is not finite, an axis has no word, the control cannot execute the motion, or the step id is above the
+    /// largest N word.
     pub fn render_block(&self, block: &MotionBlock) -> Result<Vec<String>, RenderError> {
         if block.step > MAX_STEP_NUMBER {
             return Err(RenderError::StepNumberTooLarge(block.step));
@@ -95,14 +96,15 @@ fn render_head_or_foot(
     render_template_lines(dialect, template, names)
 }
 
-/// Replaces special characters by blanks, because a bracket would end the comment, and a percent sign the program.
+/// Replaces every character by a blank, except ASCII letters, digits, blanks and `.,:_/+-`: a bracket would end the
+/// comment, and a percent sign the program.
 fn safe_comment_text(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || " .,:_/+-".contains(c);
     text.chars().map(|c| if plain(c) { c } else { ' ' }).collect()
 }
 
-/// Template of a motion and its names: `to` (axis words), `feed` (mm/min), `s_deg` (0 to 360), `seconds`; with
-/// `to`, also the machine's options (`options`).
+/// Template of a motion and its names: `to` (axis words), `feed` (mm/min), `s_deg` (0 to 360), `seconds`; with `to`,
+/// also the names of `DialectOptions::template_values`.
 fn motion_template(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, TemplateValues), RenderError> {
     let moving = |template, to: &Position, feed: Option<f64>| {
         let mut names = vec![("to", axis_word_values(dialect, to)?)];

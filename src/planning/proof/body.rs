@@ -23,7 +23,7 @@ enum ShapeCore {
 #[derive(Debug, Clone, Copy)]
 pub struct CollisionShape {
     core: ShapeCore,
-    /// Rounding radius: all points within this distance of the core belong to the shape.
+    /// Rounding radius: all points within this distance of the core belong to the shape. 0 except for a ball.
     rounding_radius: f64,
     carrier_from_core: Pose,
 }

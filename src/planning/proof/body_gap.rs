@@ -13,6 +13,7 @@ use super::body::ShapeInMachineFrame;
 /// Possible misplacement of one body relative to the other, only perpendicular to a unit vector.
 #[derive(Debug, Clone, Copy)]
 pub struct LateralMisplacement {
+    /// Unit vector, machine frame.
     pub perpendicular_to: Vector3<f64>,
     pub max_misplacement_mm: f64,
 }

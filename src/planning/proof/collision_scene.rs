@@ -95,6 +95,7 @@ impl CollisionScene {
         })
     }
 
+    /// The stylus ball; `None` if a sensor in the spindle replaces the probe.
     pub fn stylus_ball(&self) -> Option<&CollisionBody> {
         self.bodies.iter().find(|body| body.role == BodyRole::StylusBall)
     }
@@ -240,6 +241,7 @@ struct CollisionSceneBuilder {
 }
 
 impl CollisionSceneBuilder {
+    /// Adds a body. `Err`: the machine does not have the axis that carries the body.
     fn add_body(
         &mut self,
         name: &str,

@@ -83,6 +83,7 @@ pub(super) fn check_single_move(
     checked.map_err(|reason| reason.at_line(motion.line))
 }
 
+/// Smallest clearance on the checked paths; `None`: no pair of bodies counts.
 type MinClearanceResult = Result<Option<Clearance>, RefusalReason>;
 
 fn check_jog(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> MinClearanceResult {
@@ -127,7 +128,8 @@ fn check_single_axis_move(
     Ok(())
 }
 
-/// Checks that contact stops the move, or that its feed is limited.
+/// Checks the feed, and that a linear axis makes a guarded move that stops within the overtravel, a rotary axis a feed
+/// move.
 fn check_guard_and_feed(request: &SingleMoveProofRequest<'_>, motion: &ReadMotion) -> Result<(), RefusalReason> {
     let SingleMoveProofRequest { plan, axis, .. } = *request;
     match motion.kind {

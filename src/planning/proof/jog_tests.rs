@@ -18,6 +18,7 @@ fn prove_retract_lines(plan: &Plan, lines: &str, target: (Axis, f64), position: 
     check_lines(plan, lines, target, position, SingleMoveKind::Retract)
 }
 
+/// Checks `lines` after lines that set the modes and zero the offset of the slot G59. `to`: mm or degrees.
 fn check_lines(
     plan: &Plan,
     lines: &str,

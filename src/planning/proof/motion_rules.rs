@@ -82,7 +82,8 @@ pub fn check_touch_length(from: &Position, to: &Position, overtravel: f64) -> Ch
     Err(RefusalReason::TouchTooLong { length, overtravel })
 }
 
-/// Commands of all axes; a spindle that is not oriented counts as zero.
+/// Commands of all axes; a spindle that is not oriented counts as zero. `Err`: the position of another axis of the
+/// machine is unknown.
 pub fn axis_commands(machine: &Machine, position: &Position) -> Result<AxisCommands, RefusalReason> {
     let mut axes = machine.axes.keys();
     match axes.find(|axis| **axis != Axis::S && position.get(**axis).is_none()) {
@@ -101,6 +102,7 @@ pub struct AxisMismatch {
 }
 
 impl AxisMismatch {
+    /// Calls `reason` with the mismatch; if the position is unknown, returns `UnknownAxisPosition` instead.
     pub fn into_refusal_reason(self, reason: impl FnOnce(PositionMismatch) -> RefusalReason) -> RefusalReason {
         let Self { axis, actual_mm_or_rad, expected_mm_or_rad } = self;
         let Some(actual_mm_or_rad) = actual_mm_or_rad else { return RefusalReason::UnknownAxisPosition(axis) };
@@ -109,7 +111,8 @@ impl AxisMismatch {
     }
 }
 
-/// The first axis of `expected` that is at another position, beyond rounding, or whose position is unknown.
+/// The first axis of `expected` that is at another position, beyond rounding, or whose position is unknown. The spindle
+/// is compared modulo one turn.
 pub fn find_axis_mismatch(position: &Position, expected: &Position, dialect: &Dialect) -> Option<AxisMismatch> {
     expected.iter().find_map(|(axis, expected)| {
         let Some(actual) = position.get(axis) else {

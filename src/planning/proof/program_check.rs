@@ -130,7 +130,7 @@ impl<'a> ProgramCheck<'a> {
     }
 
     fn check_motion(&mut self, motion: &ReadMotion) -> CheckResult {
-        self.advance_to_step(motion.step_number.ok_or(RefusalReason::MotionWithoutStep)?)?;
+        self.advance_to_step(motion.step_number.ok_or(RefusalReason::UnassignedMotion)?)?;
         if let MotionFrame::Work(slot) = &motion.frame {
             return Err(RefusalReason::MotionInWorkFrame(slot.clone()));
         }
@@ -222,7 +222,7 @@ impl<'a> ProgramCheck<'a> {
     /// Checks a probing move: the touch of the current step if it begins at `from` or ends at `to`, otherwise a
     /// guarded move.
     fn check_probing_move(&mut self, motion: &ReadMotion, must_touch: bool) -> CheckResult {
-        let step = self.current_step().ok_or(RefusalReason::MotionWithoutStep)?;
+        let step = self.current_step().ok_or(RefusalReason::UnassignedMotion)?;
         let dialect = self.request.dialect;
         let changes = |(axis, value): (Axis, f64)| self.position.get(axis) != Some(value);
         let turns = motion.target.iter().filter(|(axis, _)| !axis.is_linear()).any(changes);
@@ -272,7 +272,7 @@ impl<'a> ProgramCheck<'a> {
         let from = self.axis_commands(&self.position)?;
         let joint_path = JointPath { from, to: self.axis_commands(&to)? };
         let reach = {
-            let scene = self.current_scene().ok_or(RefusalReason::MotionWithoutStep)?;
+            let scene = self.current_scene().ok_or(RefusalReason::UnassignedMotion)?;
             touch::find_touch_reach(scene, &joint_path, braking, step.normal)?
         };
         // At the start of the touch, the ball is clear of the artefact, wherever it is within its uncertainty.
@@ -289,7 +289,7 @@ impl<'a> ProgramCheck<'a> {
 
     /// Checks a G1 move: from contact straight back to `from`, along the path that was proven for the touch.
     fn check_back_off(&mut self, motion: &ReadMotion) -> CheckResult {
-        let step = self.current_step().ok_or(RefusalReason::MotionWithoutStep)?;
+        let step = self.current_step().ok_or(RefusalReason::UnassignedMotion)?;
         if self.step_phase != StepPhase::Touched {
             return Err(RefusalReason::UnexpectedFeedMove);
         }

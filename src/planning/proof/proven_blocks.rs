@@ -86,6 +86,7 @@ impl ProvenBlock {
         &self.start_position
     }
 
+    /// Motions of all units as planned, in order.
     pub fn motions(&self) -> impl Iterator<Item = &Motion> {
         self.units.iter().flat_map(|part| &part.unit.motions)
     }
@@ -163,7 +164,7 @@ fn assign_motions_to_units(
     }
     match remaining.next() {
         None => Ok(proven),
-        Some(motion) => Err(RefusalReason::MotionWithoutStep.at_line(motion.line)),
+        Some(motion) => Err(RefusalReason::UnassignedMotion.at_line(motion.line)),
     }
 }
 
@@ -181,6 +182,7 @@ pub(super) fn read_back_programs(dialect: &Dialect, programs: &[String]) -> Resu
     Ok(all)
 }
 
+/// Checks the lines of the units, but not those of head and foot; only for [`TransmissionForm::Lines`].
 fn check_line_lengths(transmission: &TransmissionForm, sent: &TransmissionText) -> Result<(), ProofRefusal> {
     let TransmissionForm::Lines { max_line_bytes } = *transmission else { return Ok(()) };
     let mut lines = sent.units_by_block.iter().flatten().flat_map(|unit| unit.text.lines());

@@ -19,6 +19,7 @@ pub struct ProvenModeText {
     probe_off_program: Option<String>,
     /// Time after the head until the switched devices are ready; `None`: the head switches nothing.
     settling_time_after_head_s: Option<f64>,
+    /// Whether a command that switches the probe on is declared.
     has_probe_on_command: bool,
     /// Input, and the fault of the probe that it reports when it is on.
     probe_health_inputs: Vec<(String, ProbeFault)>,
@@ -50,6 +51,7 @@ impl ProvenModeText {
         self.settling_time_after_head_s
     }
 
+    /// Whether a command that switches the probe on is declared.
     pub fn has_probe_on_command(&self) -> bool {
         self.has_probe_on_command
     }
@@ -92,6 +94,6 @@ pub fn render_and_prove_mode_text(
 fn check_no_motion(dialect: &Dialect, programs: &[String]) -> Result<(), ProofRefusal> {
     match read_back_programs(dialect, programs)?.first() {
         None => Ok(()),
-        Some(motion) => Err(RefusalReason::MotionWithoutStep.at_line(motion.line)),
+        Some(motion) => Err(RefusalReason::UnassignedMotion.at_line(motion.line)),
     }
 }

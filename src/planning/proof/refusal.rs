@@ -12,7 +12,7 @@ pub struct ProofRefusal {
     /// Id and label of the current step. `None`: before the first step, or the refusal concerns the text as a whole
     /// or a single move.
     pub step: Option<(u32, String)>,
-    /// Line of the text, from 1.
+    /// Line of the text, from 1, counted through all programs; 1 if the refusal concerns no single line.
     pub line: usize,
     pub reason: RefusalReason,
 }
@@ -31,7 +31,7 @@ fn step_prefix(step: &Option<(u32, String)>) -> String {
 }
 
 /// Reason of a refusal. Lengths in mm, feeds in mm/min, or degrees/min if only rotary axes move; `value`, `min`,
-/// `max` in mm or degrees.
+/// `max`, and length and limit of `MoveTooLong` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RefusalReason {
     #[error(transparent)]
@@ -46,10 +46,13 @@ pub enum RefusalReason {
     UnknownCarrier { solid: String },
     #[error("the plan has no step {0}")]
     StepNotInPlan(u32),
+    /// A motion without an N word, after the last block, or in a text that must not contain motions.
     #[error("the motion has no step number (N word)")]
-    MotionWithoutStep,
+    UnassignedMotion,
+    /// Step ids; `expected`: the next step, `None` if all steps are complete.
     #[error("a motion of step {found} is out of order{}", next_step_note(.expected))]
     WrongStepOrder { found: u32, expected: Option<u32> },
+    /// Contains the missing part, such as `the touch`.
     #[error("the step ends without {0}")]
     StepIncomplete(&'static str),
     #[error("the program ends before step {0}")]
@@ -94,6 +97,7 @@ pub enum RefusalReason {
     RapidBeforePositionVerified,
     #[error("a probing move turns an axis before touches have verified the machine position")]
     TurnBeforePositionVerified,
+    /// Contains the position of Z and its upper limit.
     #[error(
         "a sideways move or a turn with {0}: until touches have verified the machine position, only Z \
          may move while Z is below its upper limit"
@@ -121,6 +125,7 @@ pub enum RefusalReason {
     UnguardedJog,
     #[error("the retract is not a feed move (G1) of one linear axis")]
     InvalidRetract,
+    /// `clearance`: lower bound, at least 0; `min_clearance_mm`: the required clearance.
     #[error(
         "{} would come within {clearance:.3} mm of {}{}", .between[0], .between[1], clearance_note(*.min_clearance_mm)
     )]

@@ -31,7 +31,7 @@ impl ProgramCheck<'_> {
             (MotionKind::Feed, StepPhase::Scanning { reached_count, .. }) => {
                 self.check_dwell_complete(scan)?;
                 motion_rules::check_exact_feed("the scan", motion, step.feed_mm_min)?;
-                if self.are_step_sensors_on_table() && !has_rotary_motion(motion) {
+                if self.are_step_sensors_on_table() && !has_rotary_target(motion) {
                     let max_feed = max_nest_feed_mm_min(self.request.plan);
                     motion_rules::check_max_feed("the move between sensors", motion, max_feed)?;
                 }
@@ -93,11 +93,11 @@ impl ProgramCheck<'_> {
         self.current_step().is_some_and(|step| are_step_sensors_on_table(self.request.plan, step))
     }
 
-    /// Clearance rule for a feed move of a scan. A move that is too fast for a hold to stop in time keeps the full
-    /// clearance of unguarded moves also from the sensors of a nest.
+    /// Clearance rule for a feed move of a scan. Only a turn, or a move that is slow enough for a hold to stop in time,
+    /// may be as near to the sensors of a nest as their range allows.
     fn scan_move_clearance_rule(&self, motion: &ReadMotion) -> ClearanceRule {
         let is_slow = || motion_rules::check_max_feed("", motion, max_nest_feed_mm_min(self.request.plan)).is_ok();
-        match self.are_step_sensors_on_table() && (has_rotary_motion(motion) || is_slow()) {
+        match self.are_step_sensors_on_table() && (has_rotary_target(motion) || is_slow()) {
             true => ClearanceRule::UnguardedInNest,
             false => ClearanceRule::UnguardedMove,
         }
@@ -119,7 +119,7 @@ impl ProgramCheck<'_> {
 
     /// Checks a feed move before the first point.
     fn check_scan_approach(&mut self, motion: &ReadMotion) -> CheckResult {
-        if !self.is_machine_position_verified() && has_rotary_motion(motion) {
+        if !self.is_machine_position_verified() && has_rotary_target(motion) {
             return self.check_feed_move_at_unverified_position(motion);
         }
         if !self.is_machine_position_verified() {
@@ -155,7 +155,7 @@ impl ProgramCheck<'_> {
         }
     }
 
-    /// Checks that the scan has reached all of its points.
+    /// Checks that the scan has reached all of its points, and has rested long enough at the last one.
     pub(super) fn check_scan_complete(&self, scan: &Scan) -> CheckResult {
         self.check_dwell_complete(scan)?;
         match self.step_phase {
@@ -165,7 +165,8 @@ impl ProgramCheck<'_> {
     }
 }
 
-fn has_rotary_motion(motion: &ReadMotion) -> bool {
+/// Whether the target contains a rotary axis, even if the axis keeps its position.
+fn has_rotary_target(motion: &ReadMotion) -> bool {
     motion.target.iter().any(|(axis, _)| !axis.is_linear())
 }
 

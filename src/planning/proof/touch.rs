@@ -86,6 +86,7 @@ pub fn find_touch_reach(
 }
 
 impl StylusBallLine {
+    /// `None`: no body can be touched, the scene has no stylus ball, or the path has no length.
     fn new(scene: &CollisionScene, joint_path: &JointPath) -> Option<Self> {
         let (_, artefact) = scene.touchable_bodies().next()?;
         let tip = scene.stylus_ball()?;
@@ -106,6 +107,7 @@ impl StylusBallLine {
     }
 
     /// Position of the ball, as a share of the path, at which it meets a shape that is displaced by `shift`.
+    /// `None`: the ball is clear of the shape at the end of the path.
     fn contact_share(&self, shape: &CollisionShape, shift: Vector3<f64>) -> Option<f64> {
         first_contact_share(|share| shape.distance_to_point(self.point_at(share) - shift) - self.stylus_ball_radius_mm)
     }

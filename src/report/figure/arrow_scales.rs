@@ -71,7 +71,7 @@ impl ArrowScales {
         vector.map(|part| scale * part)
     }
 
-    /// Magnification of vectors in `unit`; `None` for a unit that is not a length.
+    /// Scale of vectors in `unit` divided by the scale of the positions; `None` for a unit that is not a length.
     pub(in crate::report) fn magnification(&self, unit: Unit) -> Option<f64> {
         let per_mm = match unit {
             Unit::Um => 1e3,

@@ -55,7 +55,7 @@ fn close_path(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     points.iter().chain(first_again.map(|(_, first)| first)).copied().collect()
 }
 
-/// Half the side of the smallest square about the centre that contains everything.
+/// Half the side of the smallest square about the centre that contains everything, with a margin.
 fn plot_half_width(figure: &CircleFigure, points: &[(f64, f64)]) -> Option<f64> {
     let [x, y] = figure.centre;
     if !(x.is_finite() && y.is_finite() && figure.radius.is_finite()) {

@@ -11,7 +11,7 @@ const GEOMETRY_ATTRIBUTES: [&str; 14] =
     ["x", "y", "dy", "x1", "y1", "x2", "y2", "cx", "cy", "r", "width", "height", "points", "transform"];
 
 /// Consecutive elements with the same style.
-struct StyledRun {
+struct SameStyleElements {
     /// Element that is written.
     written_tag: &'static str,
     style: String,
@@ -24,9 +24,9 @@ struct StyledRun {
 /// style a group.
 pub(in crate::report) fn compact_svg(svg: &str) -> String {
     let mut compact = String::with_capacity(svg.len() / 2);
-    let mut run: Option<StyledRun> = None;
+    let mut run: Option<SameStyleElements> = None;
     for element in svg.split_inclusive(">\n<").flat_map(|part| part.strip_suffix('<').or(Some(part))) {
-        let next = StyledRun::from_element(element.trim_start_matches('<').trim_end());
+        let next = SameStyleElements::from_element(element.trim_start_matches('<').trim_end());
         match (&mut run, next) {
             (Some(run), Some(next)) if run.written_tag == next.written_tag && run.style == next.style => {
                 run.append(&next)
@@ -44,7 +44,7 @@ pub(in crate::report) fn compact_svg(svg: &str) -> String {
     compact
 }
 
-impl StyledRun {
+impl SameStyleElements {
     /// Reads an element without its first `<`; `None` for an element that is kept as it is.
     fn from_element(element: &str) -> Option<Self> {
         let (tag, rest) = element.split_once(' ')?;
@@ -129,6 +129,7 @@ fn geometry_text(attributes: &[(&str, &str)]) -> String {
     geometry.map(|(name, value)| format!(" {name}=\"{value}\"")).collect()
 }
 
+/// Attributes of the style as text, numbers rounded; without default values and without the fill of a text.
 fn style_text(tag: &str, attributes: &[(&str, &str)]) -> String {
     let is_default = |name: &str, value: &str| {
         let is_text_colour = tag == "text" && name == "fill";

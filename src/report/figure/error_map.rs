@@ -51,7 +51,8 @@ impl ErrorMap {
         values.copied().filter(|value| value.is_finite()).fold(0.0, f64::max)
     }
 
-    /// Draws each panel; a cell with the value `largest` has the full colour. `None` without a cell.
+    /// Draws each panel; a cell with the value `largest` has the full colour. `None` without a cell, or if `largest` is
+    /// not above 0.
     pub(in crate::report) fn draw(&self, largest: f64) -> [Option<String>; 2] {
         let is_empty = self.horizontal_axis.1.is_empty() || self.vertical_axis.1.is_empty() || largest <= 0.0;
         self.panels.each_ref().map(|(name, rows)| {

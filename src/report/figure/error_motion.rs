@@ -77,6 +77,7 @@ impl MotionCircles {
 }
 
 /// a, b and c of a + b·cos θ + c·sin θ by least squares: 1/N·Σ y, 2/N·Σ y·cos θ and 2/N·Σ y·sin θ at equal angles.
+/// `None`: too few different angles.
 pub(super) fn least_squares_circle(samples: &[PlotPoint]) -> Option<[f64; 3]> {
     let is_first_again = |sample: &&PlotPoint| {
         let turns = (sample.x - samples[0].x) / 360.0;

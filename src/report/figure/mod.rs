@@ -46,7 +46,8 @@ pub(super) use points::draw_points_with_circles;
 pub(super) use run_temperatures::draw_run_temperatures;
 pub use temperature_strip::TemperatureCurves;
 
-/// Colours by their role; the report page's style sheet replaces these exact values in dark mode.
+/// Text, axes and reference lines. The report page's style sheet replaces the exact values of this and the following
+/// colours in dark mode.
 const INK_COLOUR: RGBColor = RGBColor(0x22, 0x26, 0x2B);
 /// Grid lines, frames and shaded areas.
 const GRID_COLOUR: RGBColor = RGBColor(0xD5, 0xD9, 0xDE);

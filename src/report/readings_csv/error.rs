@@ -12,7 +12,7 @@ pub struct ReadingsError {
     pub problem: ReadingsProblem,
 }
 
-/// Reason why a readings file is refused.
+/// Reason why a readings file is refused. `name`: of the column; `text`: content of the field.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ReadingsProblem {
     #[error("the file must begin with `{FIRST_LINE}`, not with `{found}`")]

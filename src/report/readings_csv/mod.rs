@@ -19,6 +19,7 @@ mod tests;
 pub use error::{ReadingsError, ReadingsProblem};
 pub use read::read_readings;
 
+/// Required first line of a readings file.
 const FIRST_LINE: &str = "# trued-readings 1";
 
 /// Content of a column.
@@ -28,11 +29,12 @@ enum Column {
     /// Pass of the reading.
     RepeatNumber,
     Position(Axis),
-    /// Displacement of a scan sample, mm; empty for a touch.
+    /// Displacement of a scan sample, mm; empty for a touch and for a sample without a valid value.
     Value,
     Sensor,
     /// Time on the clock of the run, s.
     Time,
+    /// Why a sample has no valid value, or that the reading is excluded.
     Flag,
     /// Temperature, °C, of the thermometer with this name.
     Temperature(String),

@@ -14,7 +14,7 @@ use super::request_checks::MAX_REQUEST_BODY_BYTES;
 
 /// Path of the API; pages have other paths.
 const API_ROOT: &str = "/api";
-/// Maximum size of an error message of the HTTP library, bytes.
+/// Maximum size of an error message of the HTTP library, bytes; a longer message is replaced by the name of the status.
 const MAX_ERROR_MESSAGE_BYTES: usize = 16 * 1024;
 
 /// Middleware: every error response of the API has the body of a [`Problem`], except one that is already a page for

@@ -69,6 +69,7 @@ enum ConnectionState {
     Streaming,
 }
 
+/// An open connection.
 struct Connection {
     state: ConnectionState,
     state_since: Instant,
@@ -85,10 +86,12 @@ impl Connection {
     }
 }
 
+/// All open connections of the server; all clones share one state.
 #[derive(Clone)]
 struct Connections {
     /// By number, in the order of acceptance.
     open_connections: Arc<Mutex<BTreeMap<u64, Connection>>>,
+    /// Permits for large responses, `MAX_CONCURRENT_LARGE_RESPONSES` in number.
     large_response_permits: Arc<Semaphore>,
 }
 
@@ -155,7 +158,8 @@ impl Connections {
         }
     }
 
-    /// Closes the connections whose client does not receive the response in time.
+    /// Closes each connection whose request began more than `RESPONSE_TIMEOUT` ago and whose response the client has
+    /// not received completely.
     fn close_overdue_responses(&self) {
         let mut all = self.lock_open_connections();
         let is_stuck = |connection: &Connection| {
@@ -165,8 +169,9 @@ impl Connections {
     }
 }
 
-/// Closes one of the connections for which `is_candidate` is true: of those with the lowest [`ConnectionState`], the
-/// oldest connection of the client with the most connections. Returns whether a connection was closed.
+/// Closes one of the connections for which `is_candidate` is true: of those with the lowest [`ConnectionState`], of the
+/// client with the most of them, the one that has been in this state for the longest time. Returns whether a connection
+/// was closed.
 fn close_one_candidate(all: &mut BTreeMap<u64, Connection>, is_candidate: impl Fn(&Connection) -> bool) -> bool {
     let least = all.values().filter(|connection| is_candidate(connection)).map(|connection| connection.state).min();
     let mut shares = BTreeMap::new();

@@ -35,7 +35,7 @@ pub struct MachineStatus {
     /// Remaining machine time, s: the planned time before the first step, then as the run reports it; null if unknown.
     pub remaining_s: Option<f64>,
     #[serde(rename = "measured")]
-    pub measured_step_count: u32,
+    pub stored_touch_and_scan_count: u32,
     pub refusal: Option<String>,
     /// Why the last cycle was not completed.
     pub failure: Option<RunFailure>,
@@ -92,7 +92,7 @@ impl MachineStatus {
             stage: now.stage_name,
             step: now.step_label,
             remaining_s: now.remaining_s,
-            measured_step_count: now.measured_step_count,
+            stored_touch_and_scan_count: now.stored_touch_and_scan_count,
             refusal: now.last_refusal.map(|why| why.to_string()),
             failure: now.failure,
             is_locked_by_other_process: now.is_locked_by_other_process,

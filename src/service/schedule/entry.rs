@@ -30,6 +30,7 @@ pub enum OverlapPolicy {
     Skip,
 }
 
+/// Keys of `[[serve.schedule]]`, before validation.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ScheduleKeys {

@@ -16,8 +16,8 @@ use crate::service::not_started::NotStartedReason;
 use crate::service::schedule_state::{Readiness, StartDueCycleRequest};
 use crate::store::{ScheduleSlot, SlotOutcome, StoreError};
 
-/// Time within which a second report that a cycle is due counts as a repetition of the first. A report that is
-/// earlier than the first, because the clock was set back, is a repetition as well.
+/// Time within which a report that a cycle is due counts as a repetition of the report that started the cycle. A report
+/// that is earlier than that report, because the clock was set back, is a repetition as well.
 const DUE_REPORT_REPETITION_TIME: SignedDuration = SignedDuration::from_mins(5);
 /// Number of next times in the displayed plan.
 const SHOWN_NEXT_TIME_COUNT: usize = 3;
@@ -25,7 +25,8 @@ const SHOWN_NEXT_TIME_COUNT: usize = 3;
 /// A schedule of the machine file and the state of its slots.
 struct TrackedSchedule {
     entry: ScheduleEntry,
-    /// Time up to which the slots have an outcome in the journal; for a new schedule, the time of its registration.
+    /// Time up to which the slots have an outcome in the journal; for a new schedule or a changed time pattern, the
+    /// time of its registration.
     last_recorded_slot_time: Timestamp,
     /// The due slot that waits: time of the slot, and the reason why it has not started.
     waiting_slot_time_and_reason: Option<(Timestamp, String)>,
@@ -42,7 +43,8 @@ pub struct Scheduler {
     last_clock_check: Option<Timestamp>,
     /// Combined readiness at the last check; `None` without a source, or while a source is stale.
     readiness: Option<Readiness>,
-    /// Time since which the control is known to execute no program, monotonic clock, s.
+    /// Time since which the control is known to execute no program and no run of this service is in progress, monotonic
+    /// clock, s; `None`: not idle, or not reported.
     idle_since_s: Option<f64>,
     /// Time since `idle_since_s` at the last check; `None`: not idle, or not reported.
     idle_time: Option<Duration>,
@@ -282,7 +284,8 @@ impl Scheduler {
         self.was_held_or_failed = stopped;
     }
 
-    /// Records the run number of the slot whose run is in progress, and its outcome once the run has ended.
+    /// Records the run number of the slot whose run is in progress, and its outcome once the run has ended. A run
+    /// without an estimate disarms all cycles.
     fn record_run_or_outcome_of_slot(&mut self) {
         let Some((mut slot, accepted)) = self.running_slot_and_start_count.take() else { return };
         let machine_state = self.gate.machine_state();
@@ -316,7 +319,7 @@ impl Scheduler {
     }
 }
 
-/// Each schedule with its next due times after `now`, as many as are shown.
+/// Each schedule with its next due times after `now`, as many as are shown; without a waiting slot.
 pub fn planned_schedules(entries: &[ScheduleEntry], now: Timestamp) -> Vec<PlannedSchedule> {
     entries.iter().map(|entry| planned_schedule(entry, now)).collect()
 }

@@ -18,6 +18,7 @@ const MAX_TOLERATED_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1
 /// Conditions that a start must meet.
 #[derive(Debug, Clone)]
 pub struct StartRequirements<'a> {
+    /// Interlocks that `[serve]` demands. The gate checks them (`gate_refusal`); here they only name missing inputs.
     pub required_interlocks: &'a [StartInterlock],
     /// Conditions that the machine must report in addition to the interlocks.
     pub required_conditions: &'a [ReadinessCondition],
@@ -223,6 +224,7 @@ mod tests {
         decide_start(&requirements, &CurrentConditions { arming: Some(&arming), ..conditions })
     }
 
+    /// `!` for a start, `w` for waiting, `s` for a skipped slot; with the reason.
     fn decision_letter_and_reason(decision: StartDecision) -> (char, String) {
         match decision {
             StartDecision::Start => ('!', String::new()),

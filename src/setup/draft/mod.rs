@@ -111,8 +111,9 @@ fn replace_control_characters(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// Template values of one axis; linear axes in mm, rotary axes in degrees. Without limits from the control the range
-/// is kept short: ±100 mm, ±360° for C, ±90° for A and B; a reported travel length is centred at zero.
+/// Template values of one axis; linear axes in mm, with the resolution in µm; rotary axes in degrees, whose resolution
+/// is not used. Without limits from the control the range is kept short: ±100 mm, ±360° for C, ±90° for A and B; a
+/// reported travel length is centred at zero.
 fn axis_template_values(axis: Axis, reported: ReportedAxisProperties) -> Value {
     let turns = !axis.is_linear();
     let half = match axis {

@@ -68,7 +68,7 @@ fn read_artefact_fields<T: DeserializeOwned>(
     })
 }
 
-/// Balls of `[artefact]` or of its table, checked and transformed into the table frame.
+/// Balls of `[artefact]` or of its CSV table, checked and transformed into the table frame of the machine.
 fn read_balls(document: &TomlDocument, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
     let other_keys = [&["kind", "file"], &BALL_PLACEMENT_KEYS[..], &DefaultBallData::KEYS[..]].concat();
     let mut balls: Balls = read_artefact_fields(document, &other_keys)?;

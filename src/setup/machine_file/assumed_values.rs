@@ -32,8 +32,8 @@ const ASSUMED_TEMPERATURE_STD_U_K: f64 = 2.0;
 /// stated temperature, if the file does not state the coefficient.
 const ASSUMED_EXPANSION_UM_PER_M_K: f64 = 11.5;
 
-/// Sets each value that `[machine]`, `[axes]` and `[probe]` do not state to its assumed value; a stated 0 is kept.
-/// Returns the keys of the assumed values, e.g. `axes.X.backlash_um`.
+/// Fills in the values of `[machine]`, `[axes]` and `[probe]` that have an assumed value and are not stated; a stated 0
+/// is kept. Returns the keys of the assumed values, e.g. `axes.X.backlash_um`.
 ///
 /// # Errors
 /// The text cannot be read.

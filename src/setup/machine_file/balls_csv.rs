@@ -19,7 +19,8 @@ pub type BallWithLineNumber = (Ball, usize);
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 pub struct DefaultBallData {
     pub radius_mm: Option<f64>,
-    /// Direction from the ball's centre along the stem to its foot, in the coordinates of the table.
+    /// Direction from the ball's centre along the stem to its foot, in the coordinates of the CSV table: before the
+    /// rotation into the table frame.
     pub stem: Option<[f64; 3]>,
     pub stem_radius_mm: Option<f64>,
     /// Length of the stem from the ball's centre.
@@ -123,7 +124,7 @@ impl BallCsvColumns {
         Ok(Self { names: names.into_iter().map(str::to_owned).collect() })
     }
 
-    /// The ball of one row, in the coordinates of the table. Without a stem direction in row and `common`, the stem
+    /// The ball of one row, in the coordinates of the CSV table. Without a stem direction in row and `common`, the stem
     /// points along −Z; a missing radius or length of the stem is 0.
     fn parse_ball(&self, record: &csv::StringRecord, common: &DefaultBallData) -> Result<Ball, MachineFileProblem> {
         let text = |name: &str| {

@@ -67,7 +67,8 @@ impl CompensationConfig {
     }
 }
 
-/// `dialect`: name of the control's dialect.
+/// Configured kinds of compensation values; empty without `[compensation]`. `dialect`: name of the control's dialect,
+/// whose own work offset and those after it are refused as the slot.
 pub fn read_compensation(document: &TomlDocument, dialect: &str) -> Result<Vec<CompensationConfig>, MachineFileError> {
     let keys = document.read_section(&["compensation"], CompensationKeys::deserialize)?.unwrap_or_default();
     let CompensationKeys { linuxcnc_trunnion, linuxcnc_joints, work_offset } = keys;

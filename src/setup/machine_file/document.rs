@@ -12,6 +12,7 @@ use toml::de::{DeTable, DeValue};
 use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use super::located_value::{LocatedValue, ValueFault, ValueFaultKind, deserialize_with_location};
 
+/// Text of a file that is valid TOML, and the name of the file for errors.
 #[derive(Debug, Clone)]
 pub struct TomlDocument {
     file_name: String,

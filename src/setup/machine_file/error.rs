@@ -34,7 +34,8 @@ impl fmt::Display for FileLocation {
     }
 }
 
-/// `section`: a TOML table, written as in the file, without brackets: `axes.X`.
+/// `section`: a TOML table, written as in the file, without brackets: `axes.X`. `why` continues a sentence that begins
+/// with the key, column or section.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MachineFileProblem {
     #[error("the file is not valid TOML: {0}")]
@@ -51,6 +52,7 @@ pub enum MachineFileProblem {
     InvalidValue { section: String, key: String, why: String },
     #[error("the file is not a valid table of comma-separated values: {0}")]
     InvalidCsv(String),
+    /// Fault in a column of the table of balls, or in one of its cells.
     #[error("column `{column}` {why}")]
     InvalidColumn { column: String, why: String },
     #[error("[{section}] {why}")]

@@ -26,6 +26,7 @@ pub enum ValueFaultKind {
         value: String,
         known: &'static [&'static str],
     },
+    /// Any other fault of a value; the text continues a sentence that begins with the key.
     InvalidValue(String),
 }
 

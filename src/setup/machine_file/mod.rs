@@ -75,12 +75,13 @@ const KNOWN_SECTIONS: [&str; 17] = [
 /// A machine file that was read and checked.
 #[derive(Debug, Clone)]
 pub struct MachineFile {
-    /// The machine with its axes, which the file states in `[axes.X]`.
+    /// The machine with its axes, which the file states in `[axes.X]`; assumed values are filled in.
     pub machine: Machine,
     /// Configuration of the control, from `[controller]`.
     pub controller_section: ControllerTable,
     /// Compensation values of the control, one entry for each `[compensation.KIND]`.
     pub compensation: Vec<CompensationConfig>,
+    /// Touch probe of `[probe]`; assumed values are filled in.
     pub probe: Probe,
     /// Displacement sensors, in the order of the file.
     pub sensors: Vec<SensorEntry>,

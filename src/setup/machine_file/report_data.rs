@@ -6,7 +6,7 @@ use super::document::TomlDocument;
 use super::error::MachineFileError;
 use machine::record::report_data::ReportData;
 
-/// Reads `[report]`. Without the section all data count as not stated.
+/// Reads `[report]`, and checks that `certificate_due` is a date. Without the section all data count as not stated.
 pub fn read_report_data(document: &TomlDocument) -> Result<ReportData, MachineFileError> {
     let data = document.read_section(&["report"], ReportData::deserialize)?.unwrap_or_default();
     if let Some(due) = &data.certificate_due

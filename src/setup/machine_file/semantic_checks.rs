@@ -49,6 +49,7 @@ pub fn check_probe(document: &TomlDocument, probe: &Probe) -> CheckResult {
     )
 }
 
+/// Checks a cylinder or a datum cylinder. Balls are not checked here, but where they are read.
 pub fn check_artefact(document: &TomlDocument, artefact: &Artefact) -> CheckResult {
     let require_direction = |axis: &[f64; 3]| {
         document.require(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]")
@@ -77,6 +78,7 @@ pub fn check_artefact(document: &TomlDocument, artefact: &Artefact) -> CheckResu
     }
 }
 
+/// Checks that each box has a positive size along each axis.
 pub fn check_keepouts(document: &TomlDocument, boxes: &[Keepout]) -> CheckResult {
     for keepout in boxes {
         if keepout.min_mm.iter().zip(&keepout.max_mm).any(|(min, max)| min >= max) {
@@ -147,7 +149,7 @@ impl TomlDocument {
         self.require(value >= 0.0, key, &format!("is {value}; it must not be negative"))
     }
 
-    /// Checks harmonic orders; order 1 is not allowed, as it is an eccentricity.
+    /// Checks harmonic orders: from 2 to 100, each once; order 1 is an eccentricity.
     fn require_harmonic_orders(&self, key: &[&str], orders: &[u32]) -> CheckResult {
         let is_new = |(i, order): (usize, &u32)| !orders[..i].contains(order);
         let sound = orders.iter().all(|order| (2..=100).contains(order)) && orders.iter().enumerate().all(is_new);

@@ -10,7 +10,7 @@ use machine::record::estimate::{ParameterTolerance, Unit};
 const UNIT_SUFFIXES: [(&str, Unit); 5] =
     [("_um_per_m", Unit::UmPerM), ("_urad", Unit::Urad), ("_um", Unit::Um), ("_mm", Unit::Mm), ("_ms", Unit::Ms)];
 
-/// Tolerances in the order of their keys; none without `[tolerance]`.
+/// Tolerances in the alphabetical order of their keys; none without `[tolerance]`.
 pub fn read_tolerances(document: &TomlDocument) -> Result<Vec<ParameterTolerance>, MachineFileError> {
     if document.key_names(&["tolerance"])?.is_empty() {
         return Ok(Vec::new());

@@ -192,7 +192,7 @@ impl TryFrom<ControlKeys> for SimulatedControlConfig {
 }
 
 impl SimulatedControlConfig {
-    /// Dialect of the simulated control: grbl with spindle orientation (M19).
+    /// Dialect of the simulated control, whatever its protocol: grbl with spindle orientation (M19).
     pub fn dialect(&self) -> &'static str {
         "grbl-m19"
     }

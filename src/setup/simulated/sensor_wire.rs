@@ -12,7 +12,7 @@ use simulator::sensor_devices::modbus::{DATA_SHEET_TOML, SampleTiming, serve_on_
 use simulator::sensor_devices::serial::{OutputFormat, REQUEST_KEY_TOML, send_on_pty, send_on_tcp, serve_on_demand};
 use simulator::sensor_devices::{SampleSource, serial as simulated_serial};
 
-/// Wire between the daemon and a simulated sensor outside of this process.
+/// Wire of the operating system between the daemon and a simulated sensor; both are in this process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SensorWire {
     Pty,

@@ -73,6 +73,7 @@ impl ModalState {
         Ok(())
     }
 
+    /// Stores M2, M19, M30 and M62 to M65 in `line`; the other supported M codes have no effect.
     fn apply_m_word(value: f64, line: &mut LineWords) -> Result<(), GrblErrorCode> {
         let group = match value {
             0.0 | 1.0 | 2.0 | 30.0 => 104,

@@ -13,7 +13,8 @@ pub enum Job {
         to: Position,
         feed_mm_min: Option<f64>,
     },
-    /// `alarms_on_miss`: a move without contact raises an alarm (G38.2). `n`: the N word of the line.
+    /// `alarms_on_miss`: a move without contact raises an alarm (G38.2). `n`: the N word of the line (0: none) or the
+    /// plan step of a table; it selects the touch scatter.
     Probe {
         to: Position,
         feed_mm_min: f64,
@@ -101,6 +102,7 @@ pub struct ActiveJob {
     /// Displayed position at the start.
     from: Position,
     start_time: Duration,
+    /// Time at which the job ends unless a hold stops it before.
     pub end_time: Duration,
     /// Displayed position at the end of the job if no hold stops it before; empty at the pace `Immediate`.
     end_position: Position,

@@ -43,7 +43,7 @@ pub(super) struct LineWords {
     pub has_digital_output: bool,
     /// Whether the line contains M2 or M30.
     pub ends_program: bool,
-    /// F word of the line; `None`: it has none.
+    /// F word of the line as written, in mm, inch or degrees per minute; `None`: the line has none.
     pub feed_word: Option<f64>,
     /// N, L, P and R words that no command has consumed yet; one that remains is an error.
     pub unconsumed_values: Vec<(char, f64)>,

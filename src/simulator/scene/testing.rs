@@ -8,7 +8,8 @@ use machine::kinematics::{ErrorShape, ErrorTerm};
 use machine::{Axis, Position, frame::Point};
 
 impl TrueScene {
-    /// Error motion of a rotary axis along or about the axis `component`, mm or rad.
+    /// Synchronous error motion, stated and drawn, of a rotary axis along or about the axis `component`, mm or rad,
+    /// without location errors.
     pub fn rotary_error_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
         let at = Position::new().with(axis, angle);
         let errors = self.error_terms_at(&at, None);

@@ -176,5 +176,5 @@ fn unknown_section_and_rotary_motion_of_a_linear_axis_are_refused() {
     let stray = "[datum_cylinder]\nsection_form = [{ section = 3, n = 2 }]";
     assert_eq!(refused(stray), Some(SimulatedWorldError::InvalidDatumCylinder));
     let linear = "[[rotary_motion]]\naxis = 'X'\nlinear_um = 1.0";
-    assert_eq!(refused(linear), Some(SimulatedWorldError::InvalidMagnitude));
+    assert_eq!(refused(linear), Some(SimulatedWorldError::InvalidNumber));
 }

@@ -139,7 +139,7 @@ async fn run_passes(workspace: &RunWorkspace) -> Result<(Vec<Reading>, bool, Res
     };
     let mut run = Run::new(id, &PassesMethod, &devices, &journal, plan, &mut tell);
     let ended = run.execute().await;
-    Ok((run.readings, run.has_moved, ended))
+    Ok((run.readings, run.may_have_moved, ended))
 }
 
 /// Readings of one step, in the order of time: time of the run, s; axis positions, mm; measured value, mm.

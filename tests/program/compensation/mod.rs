@@ -16,7 +16,7 @@ use trued::compensation::{
 };
 use trued::setup::{self, MachineFile};
 use trued::store::{
-    CompensationChange, CompensationState, Journal, MachineLock, NewCompensation, NewRun, RunId, RunState,
+    CompensationState, CompensationValue, Journal, MachineLock, NewCompensation, NewRun, RunId, RunState,
 };
 
 fn approved_values_are_written_and_restored() {
@@ -248,7 +248,7 @@ fn no_run_starts_while_a_compensation_is_unfinished() {
         let run = journal.begin_run(&NewRun { machine_file_text: String::new(), plan }).wait().unwrap();
         journal.set_state(run, RunState::NotResumable).wait().unwrap();
         let (name, before_text) = ("x".to_owned(), "0".to_owned());
-        let changes = vec![CompensationChange { name, before_mm: 0.0, before_text, after_mm: 0.1 }];
+        let changes = vec![CompensationValue { name, before_mm: 0.0, before_text, after_mm: 0.1 }];
         let (machine, who) = (file.machine.name.clone(), "Ada".to_owned());
         let target = "linuxcnc-trunnion".to_owned();
         let new = NewCompensation { machine, target, run, who, proposal_sha256: String::new(), changes };

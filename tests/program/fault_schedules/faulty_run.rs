@@ -139,7 +139,7 @@ impl ScheduleBench {
         let mut run = Run::new(id, method.as_ref(), &devices, &self.journal, header, &mut tell);
         let result = run.execute().await;
         let mark = wired.driver_side_tape.entries().len();
-        let Run { readings, has_moved: moved, .. } = run;
+        let Run { readings, may_have_moved: moved, .. } = run;
         // Wait for late bytes of the driver.
         tokio::time::sleep(Duration::from_millis(15)).await;
         drop(devices);

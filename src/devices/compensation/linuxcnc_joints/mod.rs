@@ -29,12 +29,14 @@ pub enum JointTableError {
     UnknownType { path: PathBuf, joint: usize },
     #[error("two joints have the compensation file {path}", path = path.display())]
     SharedFile { path: PathBuf },
+    /// `expected_mm`: correction of the file for forward motion.
     #[error("LinuxCNC corrects {axis} at {position_mm} mm by {active_mm} mm; the file has {expected_mm} mm")]
     NotInEffect { axis: Axis, position_mm: f64, active_mm: f64, expected_mm: f64 },
     #[error("at {position_mm} mm of {axis} LinuxCNC's correction does not show whether it uses the new file")]
     NotDistinguishable { axis: Axis, position_mm: f64 },
     #[error("after the write, `{name}` reads `{read}` instead of `{written}`")]
     ReadBackMismatch { name: String, written: String, read: String },
+    /// An axis with a compensation file belongs to several joints.
     #[error("{path} assigns {axis} to several joints", path = path.display())]
     Gantry { path: PathBuf, axis: Axis },
 }
@@ -116,6 +118,7 @@ impl JointTable {
 /// The compensation file of one joint.
 #[derive(Debug)]
 struct JointFile {
+    /// Number N of `[JOINT_N]` in the INI file and of the pins `joint.N`, from 0.
     joint: usize,
     axis: Axis,
     kind: TableKind,
@@ -127,6 +130,7 @@ struct JointFile {
 pub struct JointTableTarget {
     pins: HalcmdClient,
     ini: PathBuf,
+    /// In the order of the joints; only joints of X, Y and Z that have a `COMP_FILE`.
     files: Vec<JointFile>,
 }
 
@@ -163,10 +167,11 @@ impl JointTableTarget {
         self.files.iter().map(JointFile::read).collect()
     }
 
-    /// Writes `values`, each file as a whole, and reads them back. LinuxCNC uses them after its next start.
+    /// Writes `values`, each file as a whole, and reads them back. LinuxCNC uses them after its next start. A value
+    /// whose name belongs to none of the files is ignored.
     ///
     /// # Errors
-    /// A value does not exist; a file cannot be written, or reads back with other values.
+    /// A file has no value of a name; a file cannot be written, or reads back with other values.
     pub fn write(&self, values: &[ValueToWrite<'_>]) -> Result<(), JointTableError> {
         for file in &self.files {
             let prefix = file.name_prefix();

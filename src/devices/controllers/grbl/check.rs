@@ -28,8 +28,8 @@ pub(super) fn check_probe_health(status: &GrblStatus, modes: &ProvenModeText) ->
     }
 }
 
-/// Checks that the modal words of `head` are in force (`$G`) and that the offsets of the active coordinate system and
-/// of G92 are zero (`$#`).
+/// Checks that the words of `head` in `MODAL_GROUPS` are in force (`$G`) and that the offsets of the active
+/// coordinate system and of G92 are zero (`$#`).
 pub(super) fn check_modes_and_offsets(
     head: &[String],
     modes: &[GrblMessage],

@@ -28,7 +28,7 @@ impl GrblDriver {
         let needed = &self.required_homed_axes;
         let mut info = build_device_info(&firmware, &settings, homed_axes_mask(&offsets), needed);
         info.findings.extend(state);
-        info.findings.extend(readiness::modal_findings(&modes));
+        info.findings.extend(readiness::blocking_mode_findings(&modes));
         info.findings.extend(readiness::homed_state_finding(&firmware, &settings, needed, &offsets));
         Ok(info)
     }

@@ -195,7 +195,7 @@ impl GrblDriver {
         }
         let position = self.status_position(&status)?;
         self.check_position_unchanged(&position).await?;
-        self.monitor.check_arrival(block.start_position()).map_err(arrival::moved_between_blocks_error)
+        self.monitor.check_standstill_position(block.start_position()).map_err(arrival::moved_between_blocks_error)
     }
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,

@@ -37,6 +37,7 @@ pub(super) enum GrblMessage {
     ModalWords(Vec<String>),
     /// `$n=..` with a numeric value.
     Setting(u16, f64),
+    /// Any other line, also one whose values cannot be read; or noise.
     Unknown(String),
 }
 
@@ -46,6 +47,7 @@ pub(super) struct GrblStatus {
     /// State without the substate: `Hold` for `Hold:0`.
     pub state: String,
     pub substate: Option<String>,
+    /// Whether `Pn:` contains P; false without `Pn:`.
     pub is_probe_closed: bool,
     /// `Pn:`, the letters of all active inputs.
     pub active_inputs: String,

@@ -40,7 +40,7 @@ impl GrblDriver {
         }
         // The head writes an offset and switches outputs: unsuitable states are refused before the head is sent.
         let (modes, offsets) = (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
-        reject_blocking(readiness::modal_findings(&modes))?;
+        reject_blocking(readiness::blocking_mode_findings(&modes))?;
         reject_blocking(readiness::homed_state_finding(&firmware, &settings, &self.required_homed_axes, &offsets))?;
         self.store_initial_modes(modes);
         let head = self.mode_text.head_lines().to_vec();

@@ -32,8 +32,8 @@ const BLOCKING_MODES: [(&str, &str, &str); 3] = [
     ("G51", "axes are scaled (G51)", "enter G50 at the control"),
 ];
 
-/// Remarks on the modal words in force, from the answer to `$G`.
-pub(super) fn modal_findings(modes: &[GrblMessage]) -> Vec<ReadinessFinding> {
+/// A blocking remark for each of `BLOCKING_MODES` in force, from the answer to `$G`; none without that answer.
+pub(super) fn blocking_mode_findings(modes: &[GrblMessage]) -> Vec<ReadinessFinding> {
     let words = modes.iter().find_map(|message| match message {
         GrblMessage::ModalWords(words) => Some(words.as_slice()),
         _ => None,
@@ -122,7 +122,7 @@ fn zero_travel_finding(settings: &GrblSettings, axes: &[(Axis, u16)]) -> Option<
     ))
 }
 
-/// Remark on the axes of `required_homed_axes` that the control does not home.
+/// Blocking remark on the axes of `required_homed_axes` that are in no homing cycle, while homing is on.
 fn homing_cycle_finding(
     settings: &GrblSettings,
     axes: &[(Axis, u16)],
@@ -201,7 +201,7 @@ fn join_axis_names(axes: &[&(Axis, u16)]) -> String {
 }
 
 impl GrblDriver {
-    /// Refuses overrides other than 100 %, as last reported.
+    /// Refuses overrides other than 100 %, as last reported; accepts overrides that were never reported.
     pub(super) fn check_overrides(&self) -> Result<(), ControllerError> {
         reject_blocking(self.connection.last_overrides.and_then(override_finding))
     }

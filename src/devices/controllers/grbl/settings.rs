@@ -44,6 +44,7 @@ impl GrblSettings {
 pub(super) struct FirmwareInfo {
     /// Whether the control is classic Grbl, the version for three axes before grblHAL.
     pub is_classic: bool,
+    /// `unknown version` if the control does not report the version.
     pub version: String,
     /// Axis letters in the order of the control's reports.
     pub axis_letters: String,

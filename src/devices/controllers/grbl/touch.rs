@@ -85,7 +85,7 @@ impl GrblDriver {
         loop {
             let status = self.connection.wait_idle().await?;
             self.monitor.standstill_position = self.status_position(&status)?;
-            match self.monitor.check_arrival(target) {
+            match self.monitor.check_standstill_position(target) {
                 Ok(()) => return Ok(status),
                 // The status reports may be older than the end of the motion.
                 Err(error) if Instant::now() > deadline => return Err(error),

@@ -89,6 +89,7 @@ impl IniFile {
         known.map(|(_, axes, sense)| (*axes, *sense))
     }
 
+    /// Remarks on the kinematics, none of them blocking.
     fn findings(&self) -> Vec<ReadinessFinding> {
         let mut findings = Vec::new();
         let kinematics = self.kinematics().unwrap_or_default();

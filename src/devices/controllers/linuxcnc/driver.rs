@@ -46,7 +46,7 @@ pub struct LinuxCncSettings {
     pub address: LinkAddress,
     /// Directory that `trued` and LinuxCNC reach under the same absolute path, both with write permission.
     pub shared_directory: PathBuf,
-    /// The machine's axes.
+    /// The machine's axes, with the spindle S if the machine file states S.
     pub axes: Vec<Axis>,
     /// INI file that LinuxCNC was started with, if it is known.
     pub ini_path: Option<PathBuf>,

@@ -50,7 +50,7 @@ impl SharedFiles {
         self.0.remove_file(LOG_FILE_NAME).map_err(|error| self.directory_error(LOG_FILE_NAME, &error))
     }
 
-    /// Returns what the program of `step` has written so far.
+    /// Returns what the program of `step` has written so far; empty without a log file.
     pub fn read_log(&self, step: u32) -> Result<ResultLog, ControllerError> {
         ResultLog::parse(&self.read_log_text()?.unwrap_or_default(), step)
     }

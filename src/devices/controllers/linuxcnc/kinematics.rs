@@ -101,6 +101,7 @@ fn unknown_mode_error(ini: Option<&IniFile>, mode: KinematicsMode) -> Controller
 mod tests {
     use super::*;
 
+    /// X, Y and Z in mm, B and C in degrees.
     const HOME_POSITION: [f64; 5] = [0.0, 0.0, 200.0, 0.0, 0.0];
 
     fn position_at([x, y, z, b_deg, c_deg]: [f64; 5]) -> Position {

@@ -39,6 +39,7 @@ const MAX_MOVEMENT_AT_REST_MM_OR_DEG: f64 = 0.01;
 /// Limits by which the runner detects a stall or an unexpected contact of a program.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WatchedProgram<'a> {
+    /// Step that errors name; 0 for a program that belongs to no block.
     pub step: u32,
     /// Maximum time for which the program itself lets the machine rest, in addition to [`MAX_STALL_TIME`].
     pub planned_standstill_time: Duration,

@@ -11,7 +11,8 @@ const REPORTED_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, A
 /// printed decimal may differ.
 const POSITION_EQUALITY_TOLERANCE: f64 = 0.000_002;
 
-/// Reads the positions of `axes` in machine coordinates; converts them to mm and rad.
+/// Reads the actual positions of `axes` in machine coordinates; converts them to mm and rad. An angular unit other than
+/// degrees is an error.
 pub(super) async fn read_position(rsh: &mut RshClient, axes: &[Axis]) -> Result<Position, ControllerError> {
     let mm = read_length_unit_mm(rsh).await?;
     match rsh.get("user_angular_units").await?.as_str() {
@@ -96,6 +97,8 @@ pub(super) async fn check_open_program(rsh: &mut RshClient, program: &str) -> Re
     Err(ControllerError::not_ready(&state, "do not use the control during a measurement; start again"))
 }
 
+/// Reads the numbers that linuxcncrsh returns for `key`, in the control's units; fewer numbers than `REPORTED_AXES`
+/// has axes are an error.
 pub(super) async fn read_numbers(rsh: &mut RshClient, key: &str) -> Result<Vec<f64>, ControllerError> {
     parse_numbers(&rsh.get(key).await?)
 }

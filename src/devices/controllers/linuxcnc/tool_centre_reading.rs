@@ -14,7 +14,8 @@ const AXIS_VALUE_COUNT: usize = 6;
 const SELECTED_G59_3: f64 = 9.0;
 
 impl LinuxCncDriver {
-    /// As [`ControllerDriver::read_tool_centre`](crate::controllers::ControllerDriver::read_tool_centre).
+    /// Reads the tool centre by a program that moves nothing and switches tool centre point control on and off again.
+    /// An error if the switching, the position before and after, or the work offset G59.3 is not as expected.
     pub(super) async fn run_tool_centre_program(
         &mut self,
         settings: &ToolCentreSettings,

@@ -68,6 +68,7 @@ async fn program_of_another_client_is_not_started() {
     assert!(error.contains("another program is open"), "{error}");
 }
 
+/// Text of a log: `BEFORE`, then `rest`.
 fn with_start(rest: &str) -> &'static str {
     format!("{BEFORE}{rest}").leak()
 }

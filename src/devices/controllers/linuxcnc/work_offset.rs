@@ -20,6 +20,8 @@ const LOG_DECIMALS: i32 = 6;
 const SLOT_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 impl LinuxCncDriver {
+    /// Reads the zero of the slot. An active G92 and a rotation of the slot are errors; afterwards the driver must be
+    /// prepared again.
     pub(super) async fn read_offset_slot(&mut self, slot: WorkOffsetSlot) -> Result<WorkOffset, ControllerError> {
         let log = self.run_program_at_rest(&offset_query_program(slot, &self.files.result_log_path())).await?;
         work_offset_from_log(slot, &log.state_values, &self.settings.axes)
@@ -35,8 +37,8 @@ impl LinuxCncDriver {
         self.run_program_at_rest(&program).await.map(drop)
     }
 
-    /// Runs a program without motion while the machine is at rest, and restores the mode of the control. The driver
-    /// must be prepared again before the next block.
+    /// Runs a program without motion while the machine is at rest, and restores the mode of the control. An error if
+    /// the control's unit of length is not mm. The driver must be prepared again before the next block.
     async fn run_program_at_rest(&mut self, program: &str) -> Result<ResultLog, ControllerError> {
         self.is_prepared = false;
         self.refuse_if_halted()?;
@@ -102,7 +104,8 @@ fn offset_write_program(slot: WorkOffsetSlot, zero_mm: &[(Axis, f64)], log: &str
     )
 }
 
-/// Converts the numbers of the log line of [`offset_query_program`]; refuses an active G92 and a rotated slot.
+/// Converts the numbers of the log line of [`offset_query_program`], for `axes` only; refuses an active G92 with an
+/// offset other than zero, and a rotated slot.
 fn work_offset_from_log(slot: WorkOffsetSlot, values: &[f64], axes: &[Axis]) -> Result<WorkOffset, ControllerError> {
     let unreadable = || ControllerError::UnreadableReply { text: format!("state {values:?}") };
     let [selected, is_g92_active, rest @ ..] = values else { return Err(unreadable()) };

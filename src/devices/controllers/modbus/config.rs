@@ -15,6 +15,7 @@ use link::modbus::{Framing, ModbusDeviceConfig, ModbusDeviceKeys, Parity};
 #[serde(deny_unknown_fields)]
 struct ModbusConfigKeys {
     serial: Option<PathBuf>,
+    /// Name of a port in `/dev/serial/by-id`, or a part that occurs in one name only.
     serial_id: Option<String>,
     baud: Option<u32>,
     parity: Option<Parity>,
@@ -24,6 +25,7 @@ struct ModbusConfigKeys {
     unit: Option<u8>,
     /// Maximum time until the reply to one Modbus request, s.
     timeout_s: Option<f64>,
+    /// G-code dialect, a folder of `gcode-templates/`; the default is `grbl-m19`.
     #[serde(default = "default_dialect")]
     dialect: String,
     /// Registers of the window; if absent, those of the published window.

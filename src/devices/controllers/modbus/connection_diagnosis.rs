@@ -26,6 +26,8 @@ const TCP_UNIT_CANDIDATES: [u8; 4] = [255, 1, 0, 2];
 const HEARTBEAT_CHECK_TIME: Duration = Duration::from_millis(1200);
 
 impl ModbusConfig {
+    /// Possible causes of the failure in `request`. Other units, settings and protocols are tried only in the mode
+    /// `OtherSettings`, and only if the control does not answer.
     pub(super) async fn find_possible_causes(&self, request: ConnectionDiagnosisRequest<'_>) -> Vec<PossibleCause> {
         let ConnectionDiagnosisRequest { machine, failure, mode } = request;
         use ControllerError as E;
@@ -57,7 +59,8 @@ impl ModbusConfig {
         ModbusClient::open(self.device.line.clone(), self.device.settings(AccessList::read_only(read))).await
     }
 
-    /// Finds out why the control answers but its status is refused: format, addresses or kind of the window.
+    /// Finds out why the control answers but its status is refused: format, addresses or kind of the window. Empty if
+    /// the status is valid and its positions are plausible.
     async fn diagnose_register_map(&self, machine: &Machine, mode: DiagnosisMode) -> Vec<PossibleCause> {
         let Ok(modbus) = self.open_read_only().await else { return Vec::new() };
         let block = read_status_block(&modbus, &self.map).await;
@@ -84,7 +87,8 @@ impl ModbusConfig {
         vec![wrong_address_diagnosis()]
     }
 
-    /// Finds the registers that change in a status whose heartbeat does not change.
+    /// Finds out why the heartbeat does not change: the control's program has stopped, or, if other registers of the
+    /// status change, the configured address is wrong.
     async fn diagnose_heartbeat(&self) -> Vec<PossibleCause> {
         let Ok(modbus) = self.open_read_only().await else { return Vec::new() };
         let Some(before) = read_status_block(&modbus, &self.map).await else { return Vec::new() };
@@ -119,7 +123,8 @@ impl ModbusConfig {
         PossibleCause::suspected(cause, failure.to_string(), remedy).before_search()
     }
 
-    /// Searches for other units, settings and protocols that answer.
+    /// Searches for other units, settings and protocols that answer. If none answers, the cause is that no known
+    /// control is at the address.
     async fn search_answering_settings(&self, failure: &ControllerError) -> Vec<PossibleCause> {
         let found = match self.device.line.link.resolve_address() {
             Ok(LinkAddress::Serial { path, baud }) => self.search_answering_serial_settings(&path, baud).await,

@@ -28,10 +28,13 @@ const MAX_PROBE_BOUNCE_TIME: Duration = Duration::from_millis(300);
 /// Driver of one control behind a Modbus window.
 pub struct ModbusDriver {
     pub(super) window: WindowConnection,
+    /// Lines that set the control's modes before the first block and restore them after the last.
     pub(super) mode_text: ProvenModeText,
     pub(super) machine: Machine,
     /// Address of the control, for the record.
     pub(super) address_label: String,
+    /// Axes with their tolerances, last position at a standstill, commanded orientation of the spindle, clock of the
+    /// control.
     pub(super) monitor: AxisMonitor,
     /// Whether the control is prepared and no fault has occurred since.
     pub(super) is_prepared: bool,
@@ -44,7 +47,8 @@ impl ModbusDriver {
     /// yet. After a halt the link writes nothing more: a new run opens a new link.
     ///
     /// # Errors
-    /// The link cannot be opened, or the register map lacks an axis.
+    /// The link cannot be opened, the register map lacks an axis, or the machine file has commands for the probe or
+    /// clamps although a resident program is configured.
     pub async fn open(
         config: &ModbusConfig,
         machine: &Machine,
@@ -115,11 +119,11 @@ impl ModbusDriver {
                 self.window.positioning_step = Some(step);
                 let sent = self.send_lines(lines).await;
                 self.window.positioning_step = None;
-                self.check_arrival(sent?, to)
+                self.check_standstill_position(sent?, to)
             }
             Motion::BackOff { to, .. } => {
                 let status = self.send_lines(lines).await?;
-                let status = self.check_arrival(status, to)?;
+                let status = self.check_standstill_position(status, to)?;
                 self.wait_probe_open(step, status).await
             }
             Motion::Guarded { to, .. } => {
@@ -128,7 +132,7 @@ impl ModbusDriver {
                 if has_contact {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
-                self.check_arrival(status, to)
+                self.check_standstill_position(status, to)
             }
             Motion::Probe { .. } => {
                 let last_status = self.standstill_status(last_status).await?;
@@ -142,7 +146,7 @@ impl ModbusDriver {
     async fn standstill_status(&mut self, last_status: Option<WindowStatus>) -> Result<WindowStatus, ControllerError> {
         match last_status {
             Some(status) => Ok(status),
-            None => self.window.wait_idle().await,
+            None => self.window.wait_idle_and_chunks_complete().await,
         }
     }
 
@@ -173,8 +177,8 @@ impl ModbusDriver {
         }
     }
 
-    /// Executes a touch and stores the position and the time of its contact in `outcome`; a move without contact is
-    /// an error.
+    /// Executes a touch and stores the position and the time of its contact in `outcome`; a move without contact and a
+    /// contact off the path are errors.
     async fn execute_touch(
         &mut self,
         lines: &MotionLines<'_>,
@@ -195,13 +199,13 @@ impl ModbusDriver {
     }
 
     /// Stores the position of `status`, and checks that the machine is at `target`.
-    pub(super) fn check_arrival(
+    pub(super) fn check_standstill_position(
         &mut self,
         status: WindowStatus,
         target: &Position,
     ) -> Result<WindowStatus, ControllerError> {
         self.monitor.standstill_position = status.position.clone();
-        self.monitor.check_arrival(target)?;
+        self.monitor.check_standstill_position(target)?;
         Ok(status)
     }
 
@@ -218,7 +222,7 @@ impl ModbusDriver {
                 return Err(ControllerError::ProbeStillClosed { step });
             }
             sleep(MAX_PROBE_BOUNCE_TIME / 10).await;
-            status = self.window.wait_idle().await?;
+            status = self.window.wait_idle_and_chunks_complete().await?;
         }
         Ok(status)
     }
@@ -252,9 +256,9 @@ impl ModbusDriver {
     }
 
     /// Checks before a block moves: no fault of the probe, probe open (unless the block begins with a back-off),
-    /// machine at the start of the block.
+    /// machine where the last motion ended and at the start of the block.
     pub(super) async fn check_block_start(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
-        let mut status = self.window.wait_idle().await?;
+        let mut status = self.window.wait_idle_and_chunks_complete().await?;
         self.check_probe_health(&status)?;
         let backs_off = matches!(block.motions().next(), Some(Motion::BackOff { .. }));
         if !backs_off {
@@ -306,6 +310,6 @@ impl ControllerDriver for ModbusDriver {
     async fn restore_modes(&mut self) -> Result<(), ControllerError> {
         let foot = self.mode_text.foot_lines().to_vec();
         self.set_modes(&foot).await?;
-        self.window.wait_idle().await.map(|_| ())
+        self.window.wait_idle_and_chunks_complete().await.map(|_| ())
     }
 }

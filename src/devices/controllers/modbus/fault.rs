@@ -47,12 +47,14 @@ pub(super) fn refusal_error(line: &str, error: u16) -> ControllerError {
     ControllerError::line_refused(line, format!("error {error}"), refusal_meaning(error))
 }
 
+/// Error of a status whose sequence numbers do not fit the expected number `sequence`.
 pub(super) fn unexpected_sequence_error(status: &WindowStatus, sequence: u16) -> ControllerError {
     let WindowStatus { checked_sequence, executed_sequence, .. } = status;
     let reply = format!("accepted {checked_sequence}, executed {executed_sequence}, expected {sequence}");
     ControllerError::UnexpectedReply { reply }
 }
 
+/// Error of a control that has restarted: no chunk is checked any more.
 pub(super) fn reset_error() -> ControllerError {
     ControllerError::ControlReset { banner: "the sequence numbers start again".to_owned() }
 }

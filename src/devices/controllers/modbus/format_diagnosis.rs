@@ -9,6 +9,7 @@ use link::modbus::number_format::{ByteOrder, NumberFormat, NumberType};
 use machine::Axis;
 use machine::record::machine::Machine;
 
+/// Orders of words and bytes that are tried, except the configured one.
 const WORD_ORDERS: [ByteOrder; 4] = [ByteOrder::Abcd, ByteOrder::Cdab, ByteOrder::Badc, ByteOrder::Dcba];
 /// Scales of positions that are tried, mm or degrees per count; the largest that fits is reported.
 const SCALE_CANDIDATES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
@@ -19,11 +20,12 @@ const MIN_PLAUSIBLE_NONZERO_POSITION_MM_OR_DEG: f64 = 1e-4;
 /// A smaller magnitude other than zero, in mm or degrees, is a whole number that was read as floating point.
 const MAX_MISREAD_INTEGER_MAGNITUDE: f64 = 1e-20;
 
-/// A setting, other than the configured one, with which the positions can be read.
+/// A setting, other than the configured one, with which the positions are read for a trial.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum FormatChange {
     Order(ByteOrder),
     NumberType(NumberType),
+    /// Size of one count, mm or degrees.
     Scale(f64),
 }
 
@@ -57,12 +59,15 @@ pub(super) fn is_misread_integer(value: f64) -> bool {
     value != 0.0 && value.abs() < MAX_MISREAD_INTEGER_MAGNITUDE
 }
 
-/// Whether the positions in `block` are possible for `machine`: each within its travel.
+/// Whether the positions in `block` are possible for `machine`: each is within its travel plus
+/// `TRAVEL_MARGIN_MM_OR_DEG`, and none is a misread integer. `false` if an axis without the spindle has no readable
+/// position.
 pub(super) fn are_positions_plausible(map: &WindowRegisterMap, block: &[u16], machine: &Machine) -> bool {
     read_positions(&map.status, block, machine, None).is_some_and(|positions| are_within_travel(&positions, machine))
 }
 
-/// Suspected causes, one for each single change that would bring all axes into their travel.
+/// Suspected causes, one for each single change that would bring all axes into their travel; of several scales only the
+/// largest. Empty if all positions are zero: zero fits every format.
 pub(super) fn diagnose_position_format(
     map: &WindowRegisterMap,
     block: &[u16],
@@ -151,7 +156,7 @@ pub(super) const STATUS_SHIFT_CANDIDATES: [(i16, bool); 5] =
     [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
 
 /// Space, first register and number of registers of a status that is shifted by `shift` registers, and in the other
-/// space if `in_other_space`; `None` if it is before the first address.
+/// space if `in_other_space`; `None` if its first address is not from 0 to 65535.
 pub(super) fn shifted_status_range(
     status: &StatusRegisters,
     shift: i16,
@@ -166,7 +171,8 @@ pub(super) fn shifted_status_range(
     Some(StatusRegisterRange { space, first: first.checked_add_signed(shift)?, count })
 }
 
-/// Whether `block` is a valid status according to `map`.
+/// Whether `block` is a valid status according to `map`: equal head and tail, the expected version, a known state,
+/// readable numbers.
 pub(super) fn is_valid_status(map: &WindowRegisterMap, block: &[u16]) -> bool {
     matches!(WindowStatus::parse(map, block), Ok(Some(_)))
 }

@@ -36,4 +36,5 @@ pub use driver::ModbusDriver;
 use map::WindowRegisterMap;
 pub use timeouts::ModbusTimeouts;
 
+/// Value of `kind` in `[controller]`.
 pub const CONTROL_KIND: &str = "modbus";

@@ -34,7 +34,7 @@ impl ModbusDriver {
         }
         let head = self.mode_text.head_lines().to_vec();
         self.set_modes(&head).await?;
-        let status = self.window.wait_idle().await?;
+        let status = self.window.wait_idle_and_chunks_complete().await?;
         check_probe(&status)?;
         self.check_probe_health(&status)?;
         self.monitor.standstill_position = self.monitor.machine_axes_only(&status.position);
@@ -73,8 +73,8 @@ impl ModbusDriver {
         format!("{kind} over Modbus, {}", self.address_label)
     }
 
-    /// Refuses implausible positions. Numbers in the wrong word order are far beyond any travel; whole
-    /// numbers read as floating point are nearly zero.
+    /// Refuses a position that is outside its travel by more than the length of the travel, or a misread integer.
+    /// Numbers in the wrong word order are far beyond any travel; whole numbers read as floating point are nearly zero.
     fn refuse_implausible_positions(&self, status: &WindowStatus) -> Result<(), ControllerError> {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
@@ -96,7 +96,8 @@ impl ModbusDriver {
         Ok(())
     }
 
-    /// Checks the probe's health inputs that the machine file declares: a letter or the number of a bit.
+    /// Error if one of the probe's health inputs that the machine file declares (a letter or the number of a bit) is
+    /// on.
     pub(super) fn check_probe_health(&self, status: &WindowStatus) -> Result<(), ControllerError> {
         let is_on = |input: &str| {
             let letter = input.chars().next().filter(char::is_ascii_uppercase);

@@ -72,7 +72,7 @@ impl WindowStatus {
     /// Parses a block of status registers; `None` if the control wrote the block during the read.
     ///
     /// # Errors
-    /// A register has an invalid value.
+    /// The window has another version, the state is unknown, or a register has an invalid value.
     pub(super) fn parse(map: &WindowRegisterMap, block: &[u16]) -> Result<Option<Self>, ControllerError> {
         let (first, _) = map.status.block_first_and_count();
         let block = StatusRegisterBlock { words: block, first_address: first };

@@ -129,7 +129,7 @@ impl WindowConnection {
         self.halt.is_halt_requested()
     }
 
-    /// Holds the machine after a fault, whatever it is executing.
+    /// Holds the machine after a fault, whatever it is executing; afterwards the link writes nothing more.
     pub(super) fn send_hold(&self) {
         self.hold_sender.send_and_refuse_ordinary_writes();
     }
@@ -160,7 +160,7 @@ impl WindowConnection {
 
     /// Waits until the machine is at rest and all chunks are complete; an error after the reply timeout, or if a halt
     /// was requested.
-    pub(super) async fn wait_idle(&mut self) -> Result<WindowStatus, ControllerError> {
+    pub(super) async fn wait_idle_and_chunks_complete(&mut self) -> Result<WindowStatus, ControllerError> {
         let deadline = Instant::now() + self.timeouts.reply_timeout;
         loop {
             let status = self.read_status().await?;

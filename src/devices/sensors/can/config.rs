@@ -19,7 +19,7 @@ struct CanKeys {
     /// Whether the identifier has 29 bits.
     #[serde(default)]
     extended: bool,
-    /// Length of a frame, bytes.
+    /// Length of a frame, bytes: no field may extend beyond it. A received frame need only contain all fields.
     #[serde(rename = "length", default = "default_length")]
     frame_bytes: u16,
     /// Maximum time between two frames, s; a longer silence is flagged.

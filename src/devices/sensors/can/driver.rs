@@ -53,6 +53,7 @@ impl CanDriver {
         }
     }
 
+    /// Decodes a frame to a sample with the frame's time; a frame that does not contain all fields is an error.
     fn decode_frame(&mut self, frame: &CanFrame) -> Result<Sample, SensorError> {
         let decoded = self.layout.decode(frame.data()).map_err(|short| SensorError::InvalidData {
             text: format!("{short} (id {} on {})", self.id, self.receiver.name()),

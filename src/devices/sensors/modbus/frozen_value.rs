@@ -17,10 +17,12 @@ pub(super) struct FrozenValueDetector {
     /// Time for which equal values are not yet frozen: the sensor's timeout.
     min_unchanged_time: Duration,
     last_value_mm: f64,
+    /// Time of the first of the equal values.
     unchanged_since: Instant,
     /// Number of equal values up to now, the first one included.
     pub equal_value_count: u32,
-    /// Whether the last value had been unchanged for too long.
+    /// Whether the last value counts as frozen: equal in at least `MIN_FROZEN_EQUAL_VALUES` reads and for
+    /// `min_unchanged_time`.
     pub is_frozen: bool,
 }
 
@@ -39,7 +41,8 @@ impl FrozenValueDetector {
         })
     }
 
-    /// Adds `value_mm`, which was read at `now`. Returns whether the value has been unchanged for too long.
+    /// Adds `value_mm`, which was read at `now`. Returns whether it is equal to the values before, in at least
+    /// `MIN_FROZEN_EQUAL_VALUES` reads and for `min_unchanged_time`.
     pub fn detect_frozen(&mut self, value_mm: f64, now: Instant) -> bool {
         if value_mm != self.last_value_mm {
             *self = Self { last_value_mm: value_mm, unchanged_since: now, equal_value_count: 0, ..*self };

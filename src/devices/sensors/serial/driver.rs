@@ -64,8 +64,8 @@ impl SerialDriver {
         Ok(serial)
     }
 
-    /// Creates a driver on a stream inside this process, for a simulated sensor whose time advances only
-    /// when it receives a request.
+    /// Creates a driver on a stream inside this process, for a simulated sensor whose time advances only when it
+    /// receives a request. `rate_hz`: its sample rate.
     pub fn from_stream(
         stream: ByteStreamHandle,
         config: SerialConfig,
@@ -93,6 +93,7 @@ impl SerialDriver {
         }
     }
 
+    /// Drops the stream and opens the port again, or shares it if another sensor has it open.
     async fn reopen_stream(&mut self) -> Result<(), SensorError> {
         self.stream = None;
         let address = self.config.link.resolve_address()?;
@@ -100,6 +101,7 @@ impl SerialDriver {
         Ok(())
     }
 
+    /// Stream of the port; the error `TaskEnded` if the port is not open.
     fn stream(&mut self) -> Result<&mut ByteStreamHandle, SensorError> {
         self.stream.as_mut().ok_or(SensorError::TaskEnded)
     }
@@ -215,7 +217,8 @@ impl SerialDriver {
         self.clock.now_s() - age.as_secs_f64()
     }
 
-    /// Returns the number of decoded samples, and the time from the first to the last.
+    /// Returns the number of decoded samples, those with an unchanged count included, and the time from the first to
+    /// the last. An error if the count never changes.
     async fn count_samples_and_span(&mut self) -> Result<(usize, Duration), SensorError> {
         self.startup_data = StartupData::default();
         let start = Instant::now();

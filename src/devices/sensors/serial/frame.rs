@@ -35,6 +35,7 @@ pub(super) struct FrameFormat {
     pub sync: Vec<u8>,
     /// Number of bytes between `sync` and the checksum.
     body_length: usize,
+    /// Last bytes of each frame, after the checksum.
     tail: Vec<u8>,
     checksum: Option<ChecksumFormat>,
     pub body_layout: FrameLayout,

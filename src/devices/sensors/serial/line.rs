@@ -94,6 +94,7 @@ pub(super) struct LineFormat {
     pub line_end: Vec<u8>,
     prefix: String,
     suffix: String,
+    /// Text between columns; `None`: the text between prefix and suffix is the only column.
     separator: Option<String>,
     /// Required number of columns; `None`: any number.
     column_count: Option<usize>,

@@ -52,6 +52,8 @@ impl StreamSplitter {
     }
 }
 
+/// Takes all whole lines from `buffer`. Empty lines are ignored, and so is the first line if the bytes may begin within
+/// a line.
 fn split_lines(layout: &line::LineFormat, buffer: &mut Vec<u8>, is_unsynchronized: &mut bool) -> Vec<StreamPiece> {
     let mut pieces = Vec::new();
     while let Some(at) = find_bytes(buffer, &layout.line_end) {
@@ -74,6 +76,8 @@ fn split_lines(layout: &line::LineFormat, buffer: &mut Vec<u8>, is_unsynchronize
     pieces
 }
 
+/// Takes all valid frames from `buffer`. Bytes that belong to no frame are undecodable; if the bytes may begin within a
+/// frame, those before a frame in the same call are dropped instead.
 fn split_frames(layout: &frame::FrameFormat, buffer: &mut Vec<u8>, is_unsynchronized: &mut bool) -> Vec<StreamPiece> {
     let mut pieces = Vec::new();
     let mut invalid = Vec::new();

@@ -12,8 +12,10 @@ pub enum ThermometerError {
     InvalidNumber(#[from] RegisterValueError),
     #[error("the temperature {celsius:.1} °C is not plausible")]
     ImplausibleValue { celsius: f64 },
+    /// There is no valid value and no later error: no request has ended yet, or the last value is too old.
     #[error("no reply from the thermometer yet")]
-    NoReplyYet,
+    NoCurrentValue,
+    /// The thermometer is simulated, but there is no simulated machine, or this machine has no such thermometer.
     #[error("the thermometer is simulated, but the control is not")]
     NoSimulatedMachine,
 }
@@ -24,7 +26,7 @@ impl ThermometerError {
         match self {
             // The remedy of a lost link concerns the machine; a lost thermometer leaves the machine's state known.
             Self::Modbus(ModbusError::ConnectionLost { .. } | ModbusError::LinkThreadEnded { .. })
-            | Self::NoReplyYet => "check the thermometer's power and cable".to_owned(),
+            | Self::NoCurrentValue => "check the thermometer's power and cable".to_owned(),
             Self::Modbus(error) => format!("{}; for the thermometer: the keys of [thermometer.modbus]", error.remedy()),
             Self::InvalidNumber(_) => {
                 "compare `value` of [thermometer.modbus] with the thermometer's manual".to_owned()

@@ -85,7 +85,9 @@ impl TryFrom<ModbusThermometerKeys> for ModbusThermometerConfig {
 /// ended.
 pub(super) struct ThermometerReader {
     device: ModbusDeviceConfig,
+    /// Registers of all thermometers of the device, read only.
     allowed: AccessList,
+    /// Open link; `None` before the first read and after the link has ended.
     client: Option<ModbusClient>,
 }
 

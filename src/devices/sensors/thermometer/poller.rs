@@ -27,6 +27,7 @@ pub struct ThermometerPoller {
     _stop_senders: Vec<oneshot::Sender<()>>,
 }
 
+/// A thermometer of the poller, polled or simulated.
 struct PolledThermometer {
     name: String,
     source: TemperatureSource,
@@ -45,7 +46,7 @@ enum TemperatureSource {
 struct LastTemperature {
     /// Last temperature, °C, and the time of its read.
     temperature_c_and_read_time: Option<(f64, Instant)>,
-    /// Reason why the last request gave no value.
+    /// Reason why the last request gave no value; `None` if it gave a value.
     last_error: Option<Arc<ThermometerError>>,
 }
 
@@ -91,7 +92,8 @@ impl ThermometerPoller {
     }
 
     /// Returns each name with the last temperature, °C, if it is not older than its maximum age, even after a later
-    /// error; otherwise the reason why there is none.
+    /// error; otherwise the reason why there is none. The simulated thermometers come first, then the others device by
+    /// device.
     pub fn current_temperatures_c(&self) -> Vec<(&str, Result<f64, Arc<ThermometerError>>)> {
         let value = |thermometer: &PolledThermometer| match &thermometer.source {
             TemperatureSource::Simulated(simulated) => read_simulated(simulated.as_ref()).map_err(Arc::new),
@@ -121,7 +123,7 @@ impl LastTemperature {
     fn value_within(&self, max_age: Duration) -> Result<f64, Arc<ThermometerError>> {
         match self.temperature_c_and_read_time {
             Some((celsius, at)) if at.elapsed() <= max_age => Ok(celsius),
-            _ => Err(self.last_error.clone().unwrap_or_else(|| Arc::new(ThermometerError::NoReplyYet))),
+            _ => Err(self.last_error.clone().unwrap_or_else(|| Arc::new(ThermometerError::NoCurrentValue))),
         }
     }
 }

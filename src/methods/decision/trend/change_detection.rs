@@ -44,7 +44,8 @@ pub struct Change {
     /// Expanded uncertainty of `by`.
     #[serde(rename = "U")]
     pub expanded: f64,
-    /// Index of the first value after the step, or of the value at which the line begins.
+    /// Index, among all points of the trend, of the first value after the step, or of the value at which the line
+    /// begins.
     pub first: usize,
     /// Index of the last value before the 95 % interval of the change, and of the first after it.
     pub between: [usize; 2],
@@ -122,6 +123,7 @@ fn candidate_changes(days: &[f64]) -> Vec<CandidateChange> {
     steps.chain(lines).filter(|possible| possible.shape_norm > 0.0).collect()
 }
 
+/// `None`: too few values, scatter by rounding only, or no change at `SIGNIFICANCE_LEVEL`.
 fn most_significant_change(points: &[TrendPoint]) -> Option<Change> {
     if points.len() < MIN_CHANGE_DETECTION_VALUES {
         return None;

@@ -47,6 +47,7 @@ impl IndividualsChart {
 /// Exponentially weighted moving average (EWMA) chart, with narrower limits at the first values.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EwmaChart {
+    /// Centre of the limits, from which the average starts.
     pub centre: f64,
     /// Moving average at each value.
     pub means: Vec<f64>,

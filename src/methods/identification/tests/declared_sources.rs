@@ -93,7 +93,7 @@ fn rotary_motions_share_the_declared_variance() {
     let motions = rotary_error_motions(&plan, &[8]);
     assert_eq!(motions.len(), 4 * 2 * 3);
     assert!(motions.iter().all(|motion| motion.error.axis() == Axis::C));
-    let total: f64 = motions.iter().map(|motion| motion.amplitude_sd_mm.powi(2)).sum();
+    let total: f64 = motions.iter().map(|motion| motion.coefficient_sd_mm.powi(2)).sum();
     // The squares of cosine and sine of an angle sum to one.
     assert_near(total / 2.0, 3.0 * 1e-6, 1e-18);
     let symbols: Vec<String> = motions[..4].iter().map(|motion| motion.error.to_string()).collect();
@@ -106,7 +106,7 @@ fn each_order_gets_the_whole_size_if_no_orders_are_declared() {
     let mut plan = plan();
     let motions = rotary_error_motions(&plan, &[3, 8]);
     assert_eq!(motions.len(), 2 * 2 * 3);
-    assert!(motions.iter().all(|motion| motion.amplitude_sd_mm == 1e-3));
+    assert!(motions.iter().all(|motion| motion.coefficient_sd_mm == 1e-3));
     plan.probe.lobing_orders.clear();
     let patterns = lobing_patterns(&plan, &[Vector3::x()]);
     let sizes: Vec<f64> = patterns.iter().step_by(2).map(|pattern| pattern[0]).collect();

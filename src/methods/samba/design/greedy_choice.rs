@@ -70,7 +70,8 @@ pub fn choose_measurements(
 }
 
 impl GreedyChoice<'_> {
-    /// Adds all balls of the indexation with the most balls not measured yet. False: no ball was added.
+    /// Adds, within the limits, the balls not measured yet at the indexation that has the most of them. False: no ball
+    /// was added.
     fn add_indexation_with_most_new_balls(&mut self) -> bool {
         let is_new = |candidate: &&CandidateMeasurement| self.visit_counts.get(candidate.ball_index) == Some(&0);
         let indexations = self.candidates.iter().map(|candidate| candidate.indexation_index);

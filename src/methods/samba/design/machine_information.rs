@@ -163,8 +163,8 @@ impl MachineInformation {
         columns
     }
 
-    /// Information gain of the measurement. D: increase of the logarithm of det(information); A: decrease of
-    /// the sum of variances.
+    /// Information gain of the measurement. Both criteria count the machine parameters only. D: increase of the
+    /// logarithm of det(information); A: decrease of the sum of variances.
     pub fn information_gain(&self, candidate: &CandidateMeasurement, criterion: OptimalityCriterion) -> f64 {
         let columns = self.reduced_columns(candidate);
         let full = self.inverse_with_machine.update_terms(&columns);

@@ -56,8 +56,8 @@ pub fn paper_settings(settings: &SambaSettings) -> SambaSettings {
 /// The visits in measuring order.
 ///
 /// # Errors
-/// The machine lacks one tilting axis, one axis parallel to the spindle, or an oriented spindle; fewer than
-/// 109 balls are accessible at these positions.
+/// The machine lacks one tilting axis, one axis parallel to the spindle, or an oriented spindle; it does not reach a
+/// position; fewer than 109 balls are accessible at these positions.
 pub fn paper_visits(setup: &DesignSetup<'_>, candidates: &DesignCandidates) -> Result<Vec<BallVisit>, MethodRefusal> {
     let machine = &setup.plan.machine;
     let rotary: Vec<Axis> = machine.axes.keys().copied().filter(|a| is_rotary_except_spindle(*a)).collect();

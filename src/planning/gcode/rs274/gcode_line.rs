@@ -13,6 +13,7 @@ pub(super) enum GcodeLine {
     IfLabel(String),
     /// `o<NAME> endif`: the name in upper case.
     EndIfLabel(String),
+    /// Any other line; without words if the line is empty or contains comments only.
     Words(GcodeWords),
 }
 
@@ -54,13 +55,13 @@ impl GcodeWords {
         self.m_words.len() < before
     }
 
-    /// The first G or M word that was not understood.
+    /// A G or M word that was not understood: the first G word, or the first M word if no G word remains.
     pub fn first_unread_g_or_m_word(&self) -> Option<String> {
         let g = self.g_words_tenfold.first().map(|g| format!("G{}", f64::from(*g) / 10.0));
         g.or_else(|| self.m_words.first().map(|m| format!("M{m}")))
     }
 
-    /// The first word that was not understood.
+    /// A word that was not understood: G words come before M words, and these before all others, by letter.
     pub fn first_unread_word(&self) -> Option<String> {
         let value = || self.values_by_letter.iter().next().map(|(letter, value)| format!("{letter}{value}"));
         self.first_unread_g_or_m_word().or_else(value)

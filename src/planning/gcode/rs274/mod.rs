@@ -81,7 +81,7 @@ impl<T: Into<Cow<'static, str>>> From<T> for LineError {
     }
 }
 
-/// Reads the motions of a program, in order.
+/// Reads the motions of a program, in order. A dwell without an N word and the declared commands are not returned.
 ///
 /// `zero_offset_slot` is a work offset slot (`G59.3`) known to hold zeros before the program starts. All other state is
 /// unknown at the start and must be set by the text before it is used: units, distance mode, exact path (G61 or

@@ -38,6 +38,7 @@ struct ModalState {
     distance_mode: Option<DistanceMode>,
     /// Active motion mode, for lines with axis words; `None` also after G80.
     motion_kind: Option<MotionKind>,
+    /// Last F word, converted to mm/min.
     feed_mm_min: Option<f64>,
     /// Active slot, such as `G54`.
     work_offset_slot: Option<&'static str>,
@@ -66,7 +67,8 @@ pub(super) struct GcodeReaderState {
     open_condition_and_has_stop: Option<(String, bool)>,
     /// `%` or a word has been read.
     has_program_started: bool,
-    /// The second `%`, M2, M30 or an ABORT comment has been read: every further word is an error.
+    /// A `%` after another `%` or a word has been read, or, outside a condition, M2, M30 or an ABORT comment: every
+    /// further word outside a condition is an error.
     has_program_ended: bool,
 }
 
@@ -114,7 +116,7 @@ impl GcodeReaderState {
         }
     }
 
-    /// Accepts only a stop, and before it a restore of the modal state.
+    /// Accepts only M72 and a stop (M2, M30 or an ABORT comment), and records the stop.
     fn apply_words_in_condition(&mut self, mut words: GcodeWords) -> Result<(), LineError> {
         words.take_m_word(72);
         let stops = words.has_abort_comment || words.take_m_word(2) || words.take_m_word(30);

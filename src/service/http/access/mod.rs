@@ -71,7 +71,8 @@ impl Caller {
     /// Name for the audit log: the token's name and the name that the person typed; at least one of them.
     ///
     /// # Errors
-    /// There is neither a token nor a valid typed name.
+    /// There is neither a token nor a typed name, or the typed name is invalid (over 100 characters, or with control
+    /// characters).
     pub fn audit_name(&self, typed_name: &str) -> Result<String, Problem> {
         let typed = typed_name.trim();
         let unfit = typed.chars().count() > 100 || typed.chars().any(char::is_control);
@@ -134,6 +135,7 @@ enum AccessDenied {
     NoValidToken,
     /// The request requires this role, or a higher one; the caller has a lower one.
     RequiresRole(Role),
+    /// Too many changes by this client, or too many invalid tokens from its address.
     RateLimitExceeded(RateLimitExceeded),
     /// The tokens cannot be read.
     TokensUnreadable,
@@ -286,7 +288,8 @@ pub async fn check_access(State(access): State<Arc<AccessControl>>, mut request:
     }
 }
 
-/// Whether the request comes from a browser: a page, or a form sent to a route where programs send JSON.
+/// Whether the response should be a page: the client accepts HTML, and the request is neither a read of `/api/` nor a
+/// change sent as JSON.
 fn is_browser_request(request: &Request) -> bool {
     let accepts = header_text(request.headers(), ACCEPT).unwrap_or("");
     let api = request.uri().path().starts_with("/api/");

@@ -20,6 +20,7 @@ const MAX_SEPARATELY_COUNTED_CLIENTS: usize = 1000;
 /// A rate limit that counts each client separately.
 pub struct ClientRateLimit(RateLimiter<String, HashMapStateStore<String>, DefaultClock>);
 
+/// Rate limits of the HTTP server; each counts its clients separately.
 pub struct RateLimits {
     /// Changes by each client.
     pub change_limit: ClientRateLimit,

@@ -15,6 +15,7 @@ pub const SESSION_DURATION: Duration = Duration::from_secs(12 * 3600);
 /// Maximum number of sessions; a new one then replaces the oldest.
 const MAX_SESSIONS: usize = 64;
 
+/// A session of the web page.
 struct Session {
     /// SHA-256 of the random number that the browser keeps.
     number_sha256: String,

@@ -18,6 +18,7 @@ use crate::store::{FileVersion, StateFile, StateFileError, sha256_text};
 /// Maximum number of tokens.
 const MAX_TOKENS: usize = 1000;
 
+/// A token without its secret, as `tokens.json` contains it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Token {
@@ -30,6 +31,7 @@ pub struct Token {
     sha256: String,
 }
 
+/// Content of `tokens.json`.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TokenFile {
@@ -124,6 +126,8 @@ impl TokenStore {
         Ok(secret_text)
     }
 
+    /// Removes the token `name` from the file; sessions that were opened with it are no longer valid.
+    ///
     /// # Errors
     /// There is no such token, or the file cannot be written.
     pub fn revoke(&self, name: &str) -> Result<(), TokenError> {

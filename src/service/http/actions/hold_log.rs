@@ -33,7 +33,8 @@ struct HoldLogState {
 pub struct HoldLog(Arc<Mutex<HoldLogState>>);
 
 impl HoldLog {
-    /// Whether a hold of `run` is the first within [`SAME_RUN_HOLD_WINDOW`]. `None`: no run was in progress.
+    /// Whether a hold of `run` is the first within [`SAME_RUN_HOLD_WINDOW`]; such a hold is remembered as the last one
+    /// with a line. `None`: no run was in progress, and the result is `false`.
     fn is_first_hold_of_run(&self, machine: &str, run: Option<i64>, now: Instant) -> bool {
         let Some(run) = run else { return false };
         let mut inner = lock(&self.0);
@@ -59,8 +60,9 @@ impl HoldLog {
     }
 }
 
-/// Whether the hold `audit` gets its own line; otherwise it is counted, and a task writes one line with the count
-/// after [`HOLD_COUNT_PERIOD`].
+/// Whether the hold `audit` gets its own line: it is the first hold of a run within `SAME_RUN_HOLD_WINDOW`, or within
+/// the rate limit of the client. Otherwise it is counted, and a task writes one line with the count after
+/// [`HOLD_COUNT_PERIOD`].
 pub fn gets_own_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, effect: HoldEffect) -> bool {
     let run = (effect == HoldEffect::RunHeld).then_some(audit.run);
     if app.hold_log.is_first_hold_of_run(&audit.machine, run, Instant::now()) || !caller.count_hold_and_check_log_rate()

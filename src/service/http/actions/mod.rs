@@ -108,7 +108,7 @@ async fn start_cycle(action: ActionRequest<StartRequest>) -> Result<Response, Pr
 }
 
 /// Interlocks for a person's request: the person confirms all conditions, but if the machine has a fresh report, all
-/// values of this report apply instead.
+/// values of this report apply instead, except that a person for the prompts is always present.
 fn interlocks_confirmed_by_person(machine: &ServedMachine) -> Interlocks {
     let confirmed = Interlocks {
         is_fresh: true,
@@ -224,7 +224,7 @@ impl<T: Send + Sync + 'static> ActionRequest<T> {
         .await
     }
 
-    /// Responds after the action is in the audit log.
+    /// Responds after the action, accepted or refused, is in the audit log; a refusal is returned as an error.
     async fn audit_and_respond(
         &self,
         who: String,
@@ -238,8 +238,8 @@ impl<T: Send + Sync + 'static> ActionRequest<T> {
     }
 }
 
-/// Entry for a request to act on `machine`; its run is the one that the machine state has now. `accepted`: result of
-/// the request.
+/// Entry for a request to act on `machine`; its run is that of the machine state: the run in progress, or the last one,
+/// or 0. `accepted`: result of the request.
 pub(super) fn audit_entry(
     machine: &ServedMachine,
     who: String,

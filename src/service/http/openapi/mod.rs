@@ -64,6 +64,7 @@ fn add_security_and_error_response(operation: &mut Operation) {
 mod tests {
     use super::*;
 
+    /// Environment variable; if it is set, the test writes docs/openapi.json before the comparison.
     const WRITE_OPENAPI_ENV_VAR: &str = "TRUED_WRITE_OPENAPI";
 
     #[test]

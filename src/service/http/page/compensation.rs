@@ -74,8 +74,8 @@ pub async fn sheet_page(State(app): State<AppState>, Path(run): Path<i64>) -> Re
     Ok(Html(sheet.map_err(CompensationError::from)?.html))
 }
 
-/// Kinds of values of the machine whose last compensation `run` may verify; `run` must be newer than the run of that
-/// compensation.
+/// Kinds of values of the machine whose last compensation `run` may verify: its values are in the control and in use,
+/// and `run` is newer than its run and not older than the run of its last verification.
 pub fn verifiable_targets(
     journal: &Journal,
     machine: &MachineFile,
@@ -89,7 +89,8 @@ pub fn verifiable_targets(
     Ok(machine.compensation.iter().map(CompensationConfig::kind).filter(is_verifiable).collect())
 }
 
-/// The last compensation of each kind of values of the machine, for its page, without those that are undone.
+/// The last compensation of each kind of values of the machine, for its page; a kind whose last compensation is undone
+/// is left out.
 pub fn last_compensation_values(journal: &Journal, machine: &MachineFile) -> Result<Vec<Value>, StoreError> {
     let stored = journal.compensations(&machine.machine.name)?;
     let last = machine.compensation.iter().filter_map(|own| stored.iter().find(|stored| stored.target == own.kind()));

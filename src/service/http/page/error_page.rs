@@ -19,7 +19,8 @@ struct ErrorText {
     remedy: String,
 }
 
-/// Converts an error response to a page; leaves others as they are. `has_sign_in_link`: as for [`render_page`].
+/// Converts an error response in JSON to a page; leaves all other responses as they are. `has_sign_in_link`: as for
+/// [`render_page`].
 pub async fn error_page(response: Response, has_sign_in_link: bool) -> Response {
     if !has_json_content_type(response.headers()) || response.status().is_success() {
         return response;

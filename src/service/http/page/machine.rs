@@ -196,7 +196,7 @@ mod tests {
         let machine_file = Arc::new(MachineFile::built_in_for_method("self-calibration").unwrap());
         let machine = ServedMachine { name: "mill".to_owned(), machine_file, gate, live_part_cache: Arc::default() };
         machine.gate.update_machine_state(|machine_state| {
-            (machine_state.state, machine_state.run, machine_state.measured_step_count) =
+            (machine_state.state, machine_state.run, machine_state.stored_touch_and_scan_count) =
                 (ServiceState::Running, 3, 17);
             "touch 18".clone_into(&mut machine_state.step_label);
         });

@@ -37,6 +37,7 @@ struct StepMark {
     path_in_table_mm: Vec<Vector3<f64>>,
 }
 
+/// Template values of both views and of the progress; `None`: the kinematics of the plan are invalid.
 fn progress_views(progress: &RunProgress) -> Option<Value> {
     let marks = step_marks(progress)?;
     let bodies: Vec<BodyShape> = artefact_bodies(&progress.plan.artefact).into_iter().map(|part| part.shape).collect();
@@ -50,7 +51,8 @@ fn progress_views(progress: &RunProgress) -> Option<Value> {
     })
 }
 
-/// Marks of all steps except prompts, the current step last; stages that are not planned yet have none.
+/// Marks of all steps except prompts, the current step last; stages that are not planned yet have none. `None`: the
+/// kinematics of the plan are invalid.
 fn step_marks(progress: &RunProgress) -> Option<Vec<StepMark>> {
     let RunProgress { plan, stored_steps_and_repeats: stored_readings, .. } = progress;
     let chain = KinematicChain::new(&plan.machine).ok()?;
@@ -70,6 +72,7 @@ fn step_marks(progress: &RunProgress) -> Option<Vec<StepMark>> {
     Some(marks)
 }
 
+/// The next step without a reading; `None`: each planned step has one.
 fn current_step(progress: &RunProgress) -> Option<&Step> {
     let current = next_step_without_reading(progress)?;
     progress.plan.steps.iter().find(|step| step.id == current)
@@ -101,6 +104,7 @@ fn reading_values(reading: &Reading, deviation_mm: Option<f64>) -> Value {
     }
 }
 
+/// Steps of the plan except prompts.
 fn motion_steps(plan: &Plan) -> impl Iterator<Item = &Step> {
     plan.steps.iter().filter(|step| step.kind != StepKind::Prompt)
 }

@@ -27,6 +27,7 @@ pub struct ConnectionSlots {
     occupied: Mutex<Vec<ConnectionSlot>>,
 }
 
+/// One open connection.
 struct ConnectionSlot {
     /// Time of the last received byte, or of the admission.
     last_received: Arc<Mutex<Instant>>,
@@ -70,6 +71,7 @@ impl ConnectionSlots {
 pub struct GuardedStream {
     stream: TcpStream,
     idle_timer: Pin<Box<Sleep>>,
+    /// Time of the last received byte, shared with the slot of this connection.
     last_received: Arc<Mutex<Instant>>,
     /// Ready when the connection must be closed; `None` once that has been reported.
     close_receiver: Option<oneshot::Receiver<()>>,
@@ -90,7 +92,8 @@ impl RequestFrame {
     const BYTE_COUNT_INDEX: usize = 12;
     const WRITE_MULTIPLE_COILS_FUNCTION: u8 = 15;
 
-    /// Whether `byte` completes a request at which tokio-modbus 0.17 panics: more coils than its bytes can contain.
+    /// Adds `byte` to the request. Returns whether it is the byte count of a write of more coils than its bytes can
+    /// contain: at such a request tokio-modbus 0.17 panics.
     fn completes_invalid_request(&mut self, byte: u8) -> bool {
         if self.received_byte_count <= Self::BYTE_COUNT_INDEX {
             self.first_bytes.push(byte);

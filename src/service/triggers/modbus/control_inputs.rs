@@ -10,7 +10,8 @@ use crate::service::config::MAX_CYCLES;
 use crate::service::machine_state::Interlocks;
 use crate::service::schedule_state::Readiness;
 
-/// Debounce time: a coil must have been low for this long before its rising edge counts.
+/// Debounce time: a coil must have been low for this long before its rising edge counts. The stop coil is not
+/// debounced.
 const DEBOUNCE_TIME: Duration = Duration::from_millis(50);
 
 /// Command that a write of coils requests.
@@ -41,7 +42,8 @@ pub struct ControlInputs {
 }
 
 impl ControlInputs {
-    /// Inputs before the first write: no coil is known yet, so a coil that is high at its first write is not an edge.
+    /// Inputs before the first write: no coil is known yet, so a coil that is high at its first write is not an edge,
+    /// except the stop coil.
     pub fn new(alive_timeout: Duration) -> Self {
         let (coils, low_since) = ([false; COIL_COUNT], [None; COIL_COUNT]);
         Self { coils, low_since, alive_register: 0, last_alive_changes: [None; 2], alive_timeout }

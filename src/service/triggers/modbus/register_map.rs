@@ -40,11 +40,13 @@ const HEARTBEAT_REGISTER: usize = 0;
 /// Number of the [`ServiceState`](crate::service::machine_state::ServiceState).
 const STATE_REGISTER: usize = 1;
 const PROGRESS_PERCENT_REGISTER: usize = 2;
-/// Code of the verdict; 0: none yet.
+/// Code of the verdict; 0: none yet, 1: pass, 2: fail, 3: undecided, 4: no tolerance, 5: undecided because of the
+/// model.
 const VERDICT_REGISTER: usize = 3;
-/// Number of the cycle that is running or ran last.
+/// Number of the cycle that is running or ran last; 0 before the first start.
 const CYCLE_REGISTER: usize = 4;
-/// Number of the run; first of two registers, high word first.
+/// Number of the run of this cycle, or of the unfinished run found at the start of the service; 0: none yet. First of
+/// two registers, high word first.
 const RUN_REGISTER: usize = 5;
 /// Number of accepted starts since the service began, without resumes.
 const ACCEPTED_START_COUNT_REGISTER: usize = 7;
@@ -57,7 +59,7 @@ const INTERLOCKS_REGISTER: usize = 10;
 /// First of three registers: major, minor and patch version of the program.
 const PROGRAM_VERSION_REGISTER: usize = 11;
 const MAP_VERSION_REGISTER: usize = 14;
-/// Number of deviations that are present from [`FIRST_DEVIATION_REGISTER`] on.
+/// Number of deviations that are present from [`FIRST_DEVIATION_REGISTER`] on; 0 until the cycle has an estimate.
 const DEVIATION_COUNT_REGISTER: usize = 15;
 /// First register of the first deviation, that is, of a parameter of the last estimate.
 const FIRST_DEVIATION_REGISTER: usize = 100;

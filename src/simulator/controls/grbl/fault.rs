@@ -56,7 +56,7 @@ pub enum FaultKind {
     /// An alarm instead of the execution of the line. Codes 1, 2 and 10 need a soft reset; after others the line is
     /// answered by `ok`.
     Alarm,
-    /// An error instead of the execution of the line.
+    /// An error instead of the execution of the line; at compatibility level 0 the error is latched.
     Error,
     /// The probe reads closed from now on.
     ProbeStuck,
@@ -100,6 +100,7 @@ impl Firmware {
         }
     }
 
+    /// Applies a fault that is due; executes `line` unless the fault replaces the execution.
     fn apply_fault(&mut self, fault: &Fault, line: &str) {
         use FaultKind as K;
         // These faults are recorded later, at the move, the answer or the hold that they affect.

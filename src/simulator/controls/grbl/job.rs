@@ -81,7 +81,7 @@ impl Firmware {
         }
     }
 
-    /// `!`: stops the machine where it is and keeps the remaining motion for `~`.
+    /// `!`: stops the machine where it is and keeps the remaining motion for `~`; no effect during an alarm.
     pub(super) fn hold(&mut self) {
         if self.alarm_lock.is_some() {
             return;

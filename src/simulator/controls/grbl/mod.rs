@@ -88,7 +88,7 @@ impl SimulatedGrblOptions {
 /// Input that unlocks the control after an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum AlarmLock {
-    /// `$X` unlocks.
+    /// `$X`, `$H` or a soft reset unlocks.
     Unlockable,
     /// Only a soft reset unlocks.
     NeedsReset,
@@ -123,7 +123,7 @@ pub struct Firmware {
     has_sent_status_report: bool,
     /// Result of the last probing move, for `$#`.
     last_probe: Option<LastProbeResult>,
-    /// Number of lines received so far.
+    /// Number of lines taken from the receive buffer since the control was built, blank and refused ones included.
     received_line_count: u64,
     /// Number of contacts since the control was built; a reset keeps it.
     contact_count: u64,
@@ -247,7 +247,8 @@ impl Firmware {
         }
     }
 
-    /// Executes a line of G-code; returns whether the answer must wait for a job.
+    /// Executes a line of G-code. Returns whether its answer must wait: for the end of its job, or, after a soft-limit
+    /// alarm in motion, for a reset.
     fn execute_gcode(&mut self, line: &str) -> Result<bool, GrblErrorCode> {
         if let Some(code) = self.latched_error {
             return Err(code);
@@ -287,6 +288,7 @@ impl Firmware {
         self.alarm_lock = Some(lock);
     }
 
+    /// Whether a job is active or queued, a dwell included; `false` during a feed hold.
     fn is_moving(&self) -> bool {
         !self.is_held && (self.executor.active_job.is_some() || !self.job_queue.is_empty())
     }

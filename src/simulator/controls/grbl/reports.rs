@@ -63,6 +63,7 @@ impl Firmware {
         values.collect::<Vec<_>>().join(",")
     }
 
+    /// State in a status report: the first that applies of alarm, door, hold, run and idle.
     fn state_name(&self) -> &'static str {
         match () {
             () if self.alarm_lock.is_some() => "Alarm",
@@ -143,7 +144,7 @@ impl Firmware {
         }
     }
 
-    /// Bit mask of the homed axes, bit 0 for the first axis of the reports.
+    /// Bit mask of the homed axes, either all or none; bit 0 for the first axis of the reports.
     fn homed_axes_mask(&self) -> u32 {
         if self.is_homed { (1 << self.options.interpreter.axes.len()) - 1 } else { 0 }
     }

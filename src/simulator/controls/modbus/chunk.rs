@@ -22,7 +22,7 @@ const ERROR_BUSY: u16 = 6;
 
 impl Firmware {
     /// Handles a write of the sequence register. Only the number after the last checked one offers a new chunk;
-    /// others are ignored.
+    /// others, and all numbers after the program has stopped, are recorded as an event and ignored.
     pub(super) fn on_sequence_written(&mut self) {
         let sequence = self.holding_registers[SEQUENCE_REGISTER];
         self.record_event(ControlEvent::ChunkOffered { sequence });
@@ -57,7 +57,7 @@ impl Firmware {
         if self.operating_state != OperatingState::Ready || self.is_running() {
             return Err(ERROR_BUSY);
         }
-        if !self.is_heartbeat_current(self.time_since_power_up) {
+        if !self.is_heartbeat_current(self.time_since_start) {
             return Err(ERROR_NO_HEARTBEAT);
         }
         let is_acknowledged = match &self.resident_program {

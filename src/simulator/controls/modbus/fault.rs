@@ -103,7 +103,7 @@ pub enum FaultKind {
     LostStart,
     /// A write of the hold register is confirmed but ignored.
     LostHold,
-    /// The heartbeat stops; the program continues.
+    /// The control's own heartbeat stops; its program continues.
     #[serde(rename = "heartbeat-stands")]
     HeartbeatStopped,
     /// From now on each contact gets the time stamp `WRONG_STAMP_S`.
@@ -190,10 +190,11 @@ impl Firmware {
     fn execute_and_advance(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let answer = self.execute_request(request);
         // A write takes effect at once.
-        self.advance(self.time_since_power_up);
+        self.advance(self.time_since_start);
         answer
     }
 
+    /// Applies a fault that is due; executes the request unless the fault loses, refuses or ignores it.
     fn apply_fault(&mut self, fault: &Fault, request: &Request<'_>) -> DelayedReply {
         use FaultKind as K;
         if !fault.kind.is_recorded_later() {

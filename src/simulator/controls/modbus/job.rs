@@ -19,10 +19,10 @@ impl Firmware {
             if let Some(end_time) = self.executor.active_job.as_ref().map(|active| active.end_time) {
                 let heartbeat_deadline = self.last_heartbeat_change_time.unwrap_or_default() + HEARTBEAT_TIMEOUT;
                 if heartbeat_deadline < end_time && heartbeat_deadline <= now {
-                    self.time_since_power_up = heartbeat_deadline;
+                    self.time_since_start = heartbeat_deadline;
                     self.stop_and_hold(HOLD_REASON_HEARTBEAT_LOST);
                 } else if end_time <= now {
-                    self.time_since_power_up = end_time;
+                    self.time_since_start = end_time;
                     self.finish_active_job();
                 } else {
                     break;
@@ -35,7 +35,7 @@ impl Firmware {
                 break;
             }
         }
-        self.time_since_power_up = now;
+        self.time_since_start = now;
         let done = self.operating_state == OperatingState::Ready && !self.is_running() && self.error_code == 0;
         if done && self.frozen_status_block.is_none() {
             self.executed_sequence = self.checked_sequence;
@@ -61,11 +61,12 @@ impl Firmware {
         if matches!(job, Job::Probe { .. }) && self.executor.is_probe_closed() {
             return self.raise_alarm(ALARM_PROBE_CLOSED);
         }
-        if self.executor.start_job_and_check_brush(job, self.time_since_power_up) {
+        if self.executor.start_job_and_check_brush(job, self.time_since_start) {
             self.record_event(ControlEvent::FaultOccurred(FaultKind::RapidContact));
         }
     }
 
+    /// Ends the active job with its effects: latched contact, alarms, and the end of the table's row.
     fn finish_active_job(&mut self) {
         let Some((_, result)) = self.executor.finish_job() else { return };
         match result {
@@ -130,6 +131,6 @@ impl Firmware {
         if let Some(resident) = &mut self.resident_program {
             resident.stop();
         }
-        self.executor.hold_job(self.time_since_power_up);
+        self.executor.hold_job(self.time_since_start);
     }
 }

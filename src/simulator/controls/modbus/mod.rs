@@ -120,10 +120,11 @@ pub struct Firmware {
     latch_time_s: f64,
     /// Number of status blocks composed so far; wraps.
     status_block_count: u16,
-    /// Time at which the client's heartbeat last changed.
+    /// Time at which the client's heartbeat last changed; `None`: not since power-up.
     last_heartbeat_change_time: Option<Duration>,
     /// Number of requests that arrived since the control was built, lost ones included.
     request_count: u64,
+    /// Number of chunks accepted since the control was built.
     accepted_chunk_count: u64,
     /// Number of contacts since the control was built.
     contact_count: u64,
@@ -142,8 +143,8 @@ pub struct Firmware {
     /// Notified to cut all TCP connections.
     cut_signal: Arc<tokio::sync::Notify>,
     event_log: ControlEventLog,
-    /// Host time since power-up.
-    time_since_power_up: Duration,
+    /// Host time since the control was first powered up; a power cycle does not reset it.
+    time_since_start: Duration,
 }
 
 impl Firmware {
@@ -178,7 +179,7 @@ impl Firmware {
             is_hung: false,
             cut_signal: Arc::default(),
             event_log: Arc::default(),
-            time_since_power_up: Duration::ZERO,
+            time_since_start: Duration::ZERO,
         }
     }
 
@@ -201,12 +202,14 @@ impl Firmware {
         self.operating_state = OperatingState::NotReady;
     }
 
+    /// Whether a job, lines or a table remain, also a row that waits for an acknowledgement; `false` unless `Ready`.
     fn is_running(&self) -> bool {
         let begun = self.resident_program.as_ref().is_some_and(SimulatedResidentProgram::is_running);
         self.operating_state == OperatingState::Ready
             && (begun || self.executor.active_job.is_some() || !self.unstarted_lines.is_empty())
     }
 
+    /// Whether the client's heartbeat has changed since power-up, at most the timeout before `at`.
     fn is_heartbeat_current(&self, at: Duration) -> bool {
         self.last_heartbeat_change_time.is_some_and(|beat| at <= beat + HEARTBEAT_TIMEOUT)
     }

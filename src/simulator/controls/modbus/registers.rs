@@ -23,7 +23,7 @@ fn position_words(position: &Position) -> Vec<u16> {
 
 impl Firmware {
     /// Composes input registers 0 to 44, or 0 to 49 with a resident program. Each call counts as a new block and as a
-    /// report of the probe.
+    /// report of the probe, except after the program has stopped: the block is frozen then.
     pub(super) fn status_block(&mut self) -> Vec<u16> {
         if let Some(frozen) = &self.frozen_status_block {
             return frozen.clone();
@@ -35,7 +35,7 @@ impl Firmware {
             OperatingState::Held(reason) => (3, reason),
             OperatingState::AlarmWithCode(code) => (4, code),
         };
-        let position = self.executor.displayed_position_at(self.time_since_power_up);
+        let position = self.executor.displayed_position_at(self.time_since_start);
         self.status_block_count = self.status_block_count.wrapping_add(1);
         let probe = u16::from(self.executor.is_probe_closed());
         self.executor.on_probe_state_reported();
@@ -66,11 +66,11 @@ impl Firmware {
 
     /// The control's own heartbeat counter; wraps.
     pub(super) fn heartbeat_count(&self) -> u16 {
-        let beat = (self.time_since_power_up.as_secs_f64() * HEARTBEATS_PER_S) as u64 as u16;
+        let beat = (self.time_since_start.as_secs_f64() * HEARTBEATS_PER_S) as u64 as u16;
         self.frozen_heartbeat_value.unwrap_or(beat)
     }
 
-    /// Result shown by the resident program; the previous one for [`FaultKind::StaleResult`].
+    /// Result shown by the resident program, the previous one for [`FaultKind::StaleResult`]; `None`: no program.
     fn reported_slot(&mut self) -> Option<ResultSlot> {
         let resident = self.resident_program.as_ref()?;
         match self.shows_previous_result.then(|| resident.previous_result_slot.clone()).flatten() {
@@ -115,7 +115,7 @@ impl Firmware {
         let registers = self.holding_registers.get_mut(range.clone()).ok_or(ExceptionCode::IllegalDataAddress)?;
         registers.copy_from_slice(words);
         if self.holding_registers[HEARTBEAT_REGISTER] != before[1] {
-            self.last_heartbeat_change_time = Some(self.time_since_power_up);
+            self.last_heartbeat_change_time = Some(self.time_since_start);
         }
         if let Some(resident) = self.resident_program.as_mut().filter(|_| range.contains(&ACKNOWLEDGE_REGISTER)) {
             resident.on_result_acknowledge_written(self.holding_registers[ACKNOWLEDGE_REGISTER]);

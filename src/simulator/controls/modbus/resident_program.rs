@@ -91,6 +91,7 @@ pub(super) struct SimulatedResidentProgram {
 }
 
 impl SimulatedResidentProgram {
+    /// Whether there is a current row, even if it waits for the acknowledgement of a result.
     pub(super) fn is_running(&self) -> bool {
         self.current_row_number > 0
     }
@@ -177,7 +178,7 @@ impl Firmware {
         };
         self.start_job(job);
         if let Some(active) = &mut self.executor.active_job {
-            active.end_time = active.end_time.max(self.time_since_power_up + SCAN_PERIOD);
+            active.end_time = active.end_time.max(self.time_since_start + SCAN_PERIOD);
         }
         true
     }

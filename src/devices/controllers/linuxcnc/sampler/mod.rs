@@ -171,7 +171,11 @@ impl SamplerClient {
         self.lock_state().record.start_recording();
     }
 
-    /// Returns all positions since [`Self::start_recording`]; the machine has come to rest at `position` after `step`.
+    /// Ends the recording and returns all positions since [`Self::start_recording`]; the machine has come to rest
+    /// at `position` after `step`.
+    ///
+    /// # Errors
+    /// The sampler is silent or disagrees with `position`, or the block was too long for the memory.
     pub(super) async fn finish_recording(&self, step: u32, position: &Position) -> Result<AxisTrack, ControllerError> {
         let unstamped = |reason, remedy| ControllerError::MissingPositionTrack { step, reason, remedy };
         let newest = self.wait_for_tick_after(self.clock.now_s()).await.map_err(|reason| {
@@ -194,7 +198,7 @@ impl SamplerClient {
         self.lock_state().record.finish_recording(self.mm_per_unit);
     }
 
-    /// Waits for a tick later than `t_s`; the error is the reason why none comes.
+    /// Waits for a tick later than `t_s` on the host clock; the error is the reason why none comes.
     async fn wait_for_tick_after(&self, t_s: f64) -> Result<TickPositions, String> {
         let end = Instant::now() + MAX_TICK_DELAY;
         loop {

@@ -100,7 +100,8 @@ impl TickClock {
             .then(|| min_offset_s + self.nominal_time_s(tick))
     }
 
-    /// True period, s, from the bins after `since`; `None` if it agrees with the configured period.
+    /// True period, s, from the bins after `since`; `None` if it agrees with the configured period, or if the bins
+    /// are too few or of different segments.
     pub fn true_period_s_if_different(&self, since: Tick) -> Option<f64> {
         let mut bins = self.bins.iter().filter(|bin| bin.segment_and_bin_index > self.segment_and_bin_index(since));
         // The minimum of the last bin is not final: some of its lines are still in transit.

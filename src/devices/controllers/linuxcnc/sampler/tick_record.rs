@@ -27,10 +27,12 @@ pub(super) struct TickRecord {
     pub tick_clock: TickClock,
     /// Start of a line whose end has not been received.
     partial_line: Vec<u8>,
+    /// Positions of the last valid line, whether a recording runs or not; `None` before the first one.
     pub newest_positions: Option<TickPositions>,
-    /// The last line that is not in the sampler's format.
+    /// Start of the last line that is not in the sampler's format, or a message about a line without an end; a valid
+    /// line does not clear it.
     pub last_invalid_line: Option<String>,
-    /// Ticks of the running block.
+    /// Ticks of the running block; `None` if no recording runs.
     block_ticks: Option<MotionBlockTicks>,
 }
 
@@ -45,6 +47,7 @@ struct MotionBlockTicks {
 }
 
 impl TickRecord {
+    /// `axes`: axes in the order of a line's positions. `period_s`: configured period of a tick.
     pub fn new(axes: Vec<Axis>, period_s: f64) -> Self {
         let tick_clock = TickClock::with_period(period_s);
         Self {
@@ -81,7 +84,7 @@ impl TickRecord {
     }
 
     /// Processes a line without its end. A line in another format is stored as `last_invalid_line` and otherwise
-    /// ignored.
+    /// ignored; the line `overrun` is only ignored.
     fn process_line(&mut self, line: &str, read_s: f64) {
         // The numbers that follow show which ticks are missing.
         if line == "overrun" {
@@ -111,7 +114,8 @@ impl TickRecord {
     }
 
     /// Ends the recording. Returns its positions, mm and rad, at times of the host clock; missing ticks and ticks
-    /// without a known time are gaps. `None` if there were more than [`MAX_BLOCK_TICKS`] ticks.
+    /// without a known time are gaps. `None` if there were more than [`MAX_BLOCK_TICKS`] ticks; an empty track if no
+    /// recording was running.
     pub fn finish_recording(&mut self, mm_per_unit: f64) -> Option<AxisTrack> {
         let block_ticks = self.block_ticks.take().unwrap_or_default();
         let mut track = AxisTrack::new(self.axes.clone());

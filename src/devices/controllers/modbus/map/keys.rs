@@ -17,6 +17,7 @@ pub(in super::super) struct RegisterKeys {
     #[serde(rename = "type")]
     number_type: Option<NumberType>,
     order: Option<ByteOrder>,
+    /// Size of one count; the default is 1, for positions, feeds, dwells and angles a smaller number.
     scale: Option<f64>,
 }
 
@@ -27,6 +28,7 @@ struct ChunkKeys {
     address: Option<u16>,
     /// Number of registers.
     registers: Option<u16>,
+    /// Order of the two characters of a register; an error for a resident program.
     order: Option<ByteOrder>,
 }
 
@@ -61,12 +63,15 @@ struct CommandKeys {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct WindowStatusKeys {
+    /// `input` or `holding`; the default is `input`.
     space: Option<RegisterSpace>,
     /// Counter of the status blocks.
     sequence_head: RegisterKeys,
     /// Version of the window layout.
     version: RegisterKeys,
+    /// 0: not ready; 1: idle; 2: running; 3: held; 4: alarm.
     state: RegisterKeys,
+    /// Code of the alarm; in the state `held`, the reason of the hold.
     alarm: RegisterKeys,
     /// Last sequence that the control has checked, accepted or refused.
     accepted: RegisterKeys,
@@ -82,8 +87,9 @@ struct WindowStatusKeys {
     latches: RegisterKeys,
     /// Heartbeat of the control's program.
     heartbeat: RegisterKeys,
-    /// Present time of the control's clock.
+    /// Present time of the control's clock; 0: the control has no clock.
     time_s: RegisterKeys,
+    /// Time of the last contact on the control's clock; 0: the control has no clock.
     latch_time_s: RegisterKeys,
     /// Latched positions; if the table is present, it lists all axes of the window.
     latch: Option<BTreeMap<Axis, RegisterKeys>>,
@@ -91,6 +97,7 @@ struct WindowStatusKeys {
     position: Option<BTreeMap<Axis, RegisterKeys>>,
     /// Same value as `sequence_head`, unless the block changed during the read.
     sequence_tail: RegisterKeys,
+    /// Further registers of a resident program; an error if no resident program is configured.
     result: Option<ResultKeys>,
 }
 
@@ -113,6 +120,7 @@ struct ResultKeys {
 /// Defaults that differ between the window for lines and the window of a resident program.
 struct WindowDefaults {
     chunk_register_count: u16,
+    /// Last register of the status block; it repeats the counter of the status blocks.
     sequence_tail_address: u16,
 }
 
@@ -151,7 +159,7 @@ impl RegisterKeys {
 }
 
 /// Registers of `latch` or `position`, which is `name` in errors; without `keys`, those of [`WINDOW_AXES`] from
-/// `first_address`.
+/// `first_address`. An axis without an address in `keys` is an error.
 fn axis_registers(
     name: &str,
     keys: Option<BTreeMap<Axis, RegisterKeys>>,
@@ -171,6 +179,7 @@ fn axis_registers(
 impl TryFrom<RegisterMapKeys> for WindowRegisterMap {
     type Error = String;
 
+    /// Returns the map of the window for lines; registers of a resident program are an error.
     fn try_from(RegisterMapKeys { command, status }: RegisterMapKeys) -> Result<Self, String> {
         if status.result.is_some() {
             return Err("`status.result` belongs to a resident program: add [controller.program], \

@@ -31,6 +31,8 @@ pub(super) struct Register {
 pub(super) struct ChunkRegisters {
     pub address: u16,
     pub register_count: u16,
+    /// Order of the two characters of a register: only the order of bytes counts, not that of words. The default for a
+    /// resident program.
     pub order: ByteOrder,
 }
 
@@ -60,7 +62,9 @@ pub(super) struct StatusRegisters {
     pub sequence_head: Register,
     /// Version of the window layout, which shows whether the window is for lines or for a resident program.
     pub window_version: Register,
+    /// 0: not ready; 1: idle; 2: running; 3: held; 4: alarm.
     pub state: Register,
+    /// Code of the alarm; in the state `held`, the reason of the hold.
     pub alarm_code: Register,
     /// Last sequence that the control has checked, accepted or refused.
     pub checked_sequence: Register,
@@ -68,6 +72,7 @@ pub(super) struct StatusRegisters {
     pub executed_sequence: Register,
     /// Reason why `checked_sequence` was refused; 0: accepted.
     pub refusal_code: Register,
+    /// 0: open; any other number: closed.
     pub probe_closed_flag: Register,
     /// One bit for each input: A is bit 0.
     pub input_bits: Register,
@@ -239,7 +244,8 @@ impl WindowRegisterMap {
         AccessList { readable: read, writable: write }
     }
 
-    /// Returns the first of `axes` without registers in the window; `None` if each has them.
+    /// Returns the first of `axes` that lacks a register for its position or its latched position; `None` if each has
+    /// both.
     pub(super) fn axis_without_registers(&self, axes: &[Axis]) -> Option<Axis> {
         let has_registers =
             |axis: &&Axis| self.status.latched_position.contains_key(axis) && self.status.position.contains_key(axis);

@@ -35,6 +35,7 @@ enum ResultFreshness {
     Stale,
     /// A result that was read already: the control has not received the acknowledgement yet.
     AlreadyRead,
+    /// The next result of the present call.
     New,
 }
 
@@ -78,7 +79,7 @@ impl ModbusDriver {
         self.monitor.spindle_rad =
             block.motions().filter_map(spindle_orientation_rad).last().or(self.monitor.spindle_rad);
         let end = rows::end_position(&rows, &self.monitor.standstill_position);
-        let status = self.check_arrival(status, &end)?;
+        let status = self.check_standstill_position(status, &end)?;
         if rows.last().is_some_and(|row| row.action != RowAction::Touch) {
             self.wait_probe_open(block.step(), status).await?;
         }
@@ -110,7 +111,8 @@ impl ModbusDriver {
         })
     }
 
-    /// Reads and acknowledges results until the program has ended; returns them in order, and the last status.
+    /// Reads and acknowledges results until the program has ended; returns them in order, and the last status. After a
+    /// contact during a positioning move the driver holds the machine and returns an error.
     async fn collect_results(
         &mut self,
         running: &mut RunningChunk,
@@ -226,6 +228,7 @@ fn result_freshness(
     Err(ControllerError::UnexpectedReply { reply })
 }
 
+/// Error of a call with wrong results: `slot` describes what was received, `expected` is a number of results.
 fn result_mismatch_error(slot: &str, expected: usize) -> ControllerError {
     ControllerError::UnexpectedReply { reply: format!("{slot} received, {expected} results expected") }
 }

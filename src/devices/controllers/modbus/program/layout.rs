@@ -81,6 +81,7 @@ pub(super) struct ProgramCall<'a> {
     /// Only sequence number that may start the chunk.
     pub sequence: u16,
     pub program: &'a ResidentProgram,
+    /// Step number of the plan, for the control's display.
     pub step: u32,
     pub rows: &'a [ProgramRow],
 }
@@ -93,6 +94,7 @@ pub(super) struct ParameterLayout {
     /// First register of the table, counted from the chunk's first register.
     table_offset: u16,
     registers_per_row: u16,
+    /// Number of rows for which the chunk has registers.
     max_rows: u16,
     /// Number of the [`RowAction`]; as the registers below, counted from the first register of the row.
     action: Register,
