@@ -14,7 +14,7 @@ use crate::support::harness::{Pool, Trials, trials};
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 60;
-        random_kills::twenty_kills_lose_no_reading_and_cause_no_motion,
+        random_kills::ten_kills_lose_no_reading_and_cause_no_motion,
         soak::memory_grows_at_most_5_mib_from_run_5_to_50,
     ]
     .with_trials(trials![Pool::Waiting, 30;

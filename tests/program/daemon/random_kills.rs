@@ -17,8 +17,8 @@ use crate::support::daemon_process::DaemonProcess;
 use crate::support::machine_shop::MachineShop;
 use crate::support::recording_control::{RecordingControl, WireRecord};
 
-pub fn twenty_kills_lose_no_reading_and_cause_no_motion() {
-    run_kills(20, 1);
+pub fn ten_kills_lose_no_reading_and_cause_no_motion() {
+    run_kills(10, 1);
 }
 
 pub fn two_hundred_kills_lose_no_reading_and_cause_no_motion() {

@@ -112,16 +112,25 @@ fn check_run_stops_cleanly_at_disk_fault(whole: &DiskUse, fault: &str, at: u64, 
 }
 
 pub fn full_or_failing_disk_stops_the_run_cleanly() {
+    check_disk_faults(4);
+}
+
+pub fn full_or_failing_disk_stops_the_run_cleanly_at_32_moments() {
+    check_disk_faults(8);
+}
+
+/// Each of four faults at `moments_per_fault` moments of a run.
+fn check_disk_faults(moments_per_fault: u64) {
     let (whole, _) = disk_use_and_stdout();
     let full = ["the disk is full", "No space left on device", "the disk reports an error"];
     let failing = ["the disk reports an error", "Input/output error"];
-    let eighths = |all: u64| (0..8).map(|eighth| all * eighth / 8).collect::<Vec<u64>>();
+    let moments_of = |all: u64| (0..moments_per_fault).map(|part| all * part / moments_per_fault).collect::<Vec<u64>>();
     let commits = &whole.commit_sync_numbers;
-    let of_commits = eighths(commits.len() as u64).into_iter().map(|index| commits[index as usize]).collect();
+    let of_commits = moments_of(commits.len() as u64).into_iter().map(|index| commits[index as usize]).collect();
     let faults: [(&str, Vec<u64>, &[&str]); 4] = [
-        ("FAULTY_FULL_AFTER", eighths(whole.written_bytes), &full),
-        ("FAULTY_WRITE_AFTER", eighths(whole.write_count), &failing),
-        ("FAULTY_SYNC_AFTER", eighths(whole.sync_count), &failing),
+        ("FAULTY_FULL_AFTER", moments_of(whole.written_bytes), &full),
+        ("FAULTY_WRITE_AFTER", moments_of(whole.write_count), &failing),
+        ("FAULTY_SYNC_AFTER", moments_of(whole.sync_count), &failing),
         ("FAULTY_SYNC_ONCE", of_commits, &failing),
     ];
     let whole = &whole;

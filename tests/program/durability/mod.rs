@@ -130,7 +130,7 @@ pub fn trials() -> Trials {
         disk_faults::full_or_failing_disk_stops_the_run_cleanly,
     ]
     .with_trials(trials![Pool::Waiting, 60;
-        random_kills::twenty_kills_lose_no_acknowledged_reading,
+        random_kills::ten_kills_lose_no_acknowledged_reading,
     ])
     .with_trials(trials![Pool::Waiting, 20;
         disk_faults::partial_and_slow_writes_change_nothing,
@@ -142,6 +142,7 @@ pub fn trials() -> Trials {
     .with_trials(
         trials![Pool::Waiting, 0;
             random_kills::two_hundred_kills_lose_no_acknowledged_reading,
+            disk_faults::full_or_failing_disk_stops_the_run_cleanly_at_32_moments,
             power_cuts::thousand_power_cuts_lose_no_acknowledged_reading,
         ]
         .mark_ignored(),

@@ -8,8 +8,8 @@ use rand::RngExt;
 use super::{DurabilityBench, assert_journal_is_valid, assert_readings_kept};
 use crate::support::recording_control::RecordingControl;
 
-pub fn twenty_kills_lose_no_acknowledged_reading() {
-    run_kills(20, 1);
+pub fn ten_kills_lose_no_acknowledged_reading() {
+    run_kills(10, 1);
 }
 
 pub fn two_hundred_kills_lose_no_acknowledged_reading() {

@@ -47,4 +47,10 @@ pub fn trials() -> Trials {
         ]
         .mark_ignored(),
     )
+    .with_trials(
+        trials![Pool::Waiting, 60;
+            sensor_failures::sensor_that_fails_in_five_ways_holds_the_machine,
+        ]
+        .mark_ignored(),
+    )
 }
