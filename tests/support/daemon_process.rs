@@ -17,6 +17,12 @@ pub struct DaemonProcess {
     pub log: Arc<Mutex<String>>,
 }
 
+/// Variables that the systemd unit of the daemon sets.
+fn unit_environment() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let unit = include_str!("../../systemd/trued.service");
+    unit.lines().filter_map(|line| line.strip_prefix("Environment=")?.split_once('='))
+}
+
 impl Drop for DaemonProcess {
     fn drop(&mut self) {
         self.kill();
@@ -24,9 +30,9 @@ impl Drop for DaemonProcess {
 }
 
 impl DaemonProcess {
-    /// Blocks until the daemon is ready.
+    /// Starts the daemon in the environment of its systemd unit; blocks until it is ready.
     pub fn start(command: &mut Command) -> Self {
-        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = command.envs(unit_environment()).stderr(Stdio::piped()).spawn().unwrap();
         let mut stderr = BufReader::new(child.stderr.take().unwrap());
         let (mut line, mut log) = (String::new(), String::new());
         while line.trim() != "ready" {
