@@ -89,7 +89,8 @@ fn rotary_axis_positions(position: &Position) -> Position {
     position.filter_axes(|axis| !axis.is_linear())
 }
 
-/// Rotary positions at `from` of each step except prompts and, between them, on the straight path from one to the next.
+/// Positions of the rotary axes and the spindle at `from` of each step, and along the straight path from there to `from`
+/// of the next step. Prompts are left out. Without a moving step: one empty position.
 fn rotary_positions_along_plan(plan: &Plan) -> Vec<Position> {
     // A prompt has no position.
     let mut moving = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt).peekable();

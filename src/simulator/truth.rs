@@ -177,13 +177,13 @@ impl MachineTruth {
         reject_stated_keys(&is_stated, "balls")
     }
 
-    /// Rejects keys that apply to a round part only.
+    /// Rejects the keys `form` and `roughness_um`, which describe a cylinder.
     pub(super) fn reject_form_keys(&self) -> Result<(), SimulatedWorldError> {
         let is_stated = [("form", !self.form.is_empty()), ("roughness_um", self.roughness_um != 0.0)];
         reject_stated_keys(&is_stated, "cylinder")
     }
 
-    /// Rejects keys that apply to a round part only, and unknown balls.
+    /// Rejects the keys `form` and `roughness_um`, which describe a cylinder, and unknown balls.
     pub(super) fn check_keys_for_balls(&self, balls: &Balls) -> Result<(), SimulatedWorldError> {
         self.reject_form_keys()?;
         let referenced_ids = self.ball.iter().map(|ball| &ball.id);

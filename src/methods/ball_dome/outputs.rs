@@ -1,4 +1,5 @@
-//! Results of the estimate, in the symbols and units of its contract.
+//! Builds the results of the estimate, with the symbols and units in which it reports them: styluses, largest and mean
+//! deviations, curves, histogram, arrows, and texts.
 
 use std::ops::Range;
 

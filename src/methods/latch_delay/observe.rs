@@ -21,8 +21,8 @@ pub struct ObservedTouch {
     pub contact_distance_mm: f64,
     /// Index of the feed: 0 slow, 1 fast.
     pub feed_index: usize,
-    /// Time of the touch on the clock of the run, s. If all readings have the same time, the number of the touch in
-    /// the order of plan and repeats.
+    /// Time of the touch on the clock of the run, s. If all touches have the same time, a number instead: the index of
+    /// the step (from 0, without the search touch) plus the repeat number times the number of these steps.
     pub time_in_run_s_or_order: f64,
     /// Number of interruptions before the touch.
     pub earlier_interruption_count: usize,

@@ -1,4 +1,5 @@
-//! Results of the estimate, in the symbols and units of its contract.
+//! Builds the estimate of a solved run: all unknowns with the symbols and units in which the estimate reports them,
+//! the residuals as arrows, and texts on what the run does not determine.
 
 use std::collections::BTreeSet;
 

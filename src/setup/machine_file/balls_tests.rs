@@ -78,7 +78,8 @@ fn invalid_balls_are_refused_with_their_line() {
     );
     for id in ["a/b", "a b", "a,b"] {
         let to = format!("id = \"{id}\"");
-        assert_refused("id = \"4\"", &to, 0, "`id` in [artefact.balls] is `a");
+        let message = format!("`id` in [artefact.balls] is `{id}`; it must be one word without `/` or `,`");
+        assert_refused("id = \"4\"", &to, 0, &message);
     }
     assert_refused("id = \"4\"", "id = \"\"", 0, "`id` in [artefact.balls] must not be empty");
     assert_refused(

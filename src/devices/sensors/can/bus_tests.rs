@@ -102,7 +102,8 @@ async fn stuck_counter_is_reported() {
     assert!(matches!(error, SensorError::CounterFrozen), "{error}");
 }
 
-/// Flags and lost counts of the next `count` samples after `events`.
+/// Sends `events` to a new driver and returns, for each of its next `count` samples, the flag and the number of samples
+/// lost directly before it.
 async fn flags_and_lost_counts(counter_key: &str, events: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
     let (mut driver, sender) = driver_and_event_sender(counter_key, 30.0);
     driver.discard_old_samples().await.unwrap();

@@ -31,8 +31,8 @@ pub(super) struct Register {
 pub(super) struct ChunkRegisters {
     pub address: u16,
     pub register_count: u16,
-    /// Order of the two characters of a register: only the order of bytes counts, not that of words. The default for a
-    /// resident program.
+    /// Order of the two characters of each register; the order of words has no effect. With a resident program always
+    /// the default, `Abcd`: another order is refused.
     pub order: ByteOrder,
 }
 
