@@ -45,7 +45,7 @@ pub fn enter_key_answer_source(who: String, show: impl Fn(&str) + Send + Sync + 
     }
 }
 
-/// Login name of the user, from `USER` or `LOGNAME`; without both `operator at the terminal`.
+/// Login name of the user, from `USER` or else `LOGNAME`; `operator at the terminal` if both are missing or blank.
 pub fn login_name() -> String {
     let known = ["USER", "LOGNAME"].iter().filter_map(|name| std::env::var(name).ok());
     let mut known = known.filter(|name| !name.trim().is_empty());

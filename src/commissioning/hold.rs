@@ -37,7 +37,7 @@ struct HeldJog {
 }
 
 /// Halts a jog and judges its travel after the halt; then the operator releases the control. Not checked after a
-/// fault of an axis, with an untested probe, or without the operator's permission.
+/// fault of an axis, with an untested probe, without a collision-free jog, or without the operator's permission.
 pub(super) async fn check_hold(check: &mut MachineCheck<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault {
         check.report_unchecked(CheckPart::Hold, "an axis did not follow its command; correct this first");

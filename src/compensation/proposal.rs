@@ -230,8 +230,8 @@ pub(super) fn check_run_used_present_values(
     Ok(())
 }
 
-/// Checks that the run measured the machine of `file` with its real control, and that topology, axes, tool, stylus
-/// and active compensations are the same.
+/// Checks that the run measured the machine of `file` with its real control, and that topology, tool, stylus, active
+/// compensations, and point, direction and positive sense of each axis are the same. Other data of the axes may differ.
 pub(super) fn check_same_real_machine(
     run: RunId,
     stored: &StoredRun,

@@ -53,7 +53,8 @@ fn read_values_in_effect(file: &MachineFile, kind: &str) -> Result<Vec<ControlVa
     Ok(values)
 }
 
-/// Message about the values in the record of a run. Runs are compared with the control by this text.
+/// Message that states the values of the control, for the record of a run. Checks that a run used the present values
+/// compare this text, so its form must not change.
 fn values_message(kind: &str, values: &[ControlValue]) -> String {
     let listed: Vec<String> = values.iter().map(|value| format!("{} {} mm", value.name, value.text)).collect();
     format!("{}{}", values_message_prefix(kind), listed.join(", "))

@@ -26,7 +26,7 @@ pub struct Clearance {
     pub step: u32,
     /// Line of the stage's text, from 1.
     pub line: usize,
-    /// Proven lower bound of the distance, less the possible misplacement of a body.
+    /// Smallest distance, less the possible misplacement of a body. The true value may be smaller by up to 0.02 mm.
     pub clearance_mm: f64,
     /// e.g. `stylus stem` and `artefact`.
     pub between: [String; 2],

@@ -27,7 +27,8 @@ pub enum SearchMode {
 pub struct BallVisit {
     /// Positions of all rotary axes, and of S if the spindle is oriented, rad.
     pub rotary_position: Position,
-    /// In the order of the path. A slow measurement that directly follows a search at the visit goes backwards.
+    /// In the order of the path. A slow measurement that directly follows a search at the visit takes the balls
+    /// in reverse order.
     pub ball_indices: Vec<usize>,
     /// Order of the touches in a slow measurement, by index of the ball; the default order if absent.
     pub slow_touch_orders_by_ball_index: BTreeMap<usize, TouchOrder>,

@@ -18,8 +18,8 @@ use machine::record::reading::Reading;
 const MONTE_CARLO_SEED: u64 = 0x6261_6c6c;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
-/// Maximum number of multiplications in the Monte Carlo propagation, so that it takes seconds. It limits the number
-/// of trials to between 2000 and 200 000.
+/// Number of multiplications in the Monte Carlo propagation from which the maximum number of adaptive trials follows,
+/// so that it takes seconds. This maximum is at least 2000 and at most 200 000.
 const MAX_MONTE_CARLO_MULTIPLICATIONS: usize = 8_000_000_000;
 
 /// # Errors

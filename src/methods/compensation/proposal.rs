@@ -45,7 +45,7 @@ pub struct ProposedPosition {
 pub struct ProposedTravel {
     #[serde(flatten)]
     pub travel: AxisTravel,
-    /// Excess of the travel that the table of the control causes now.
+    /// Present correction: excess of the travel over the commanded travel that the table of the control causes.
     pub present_mm: f64,
     /// Present correction minus measured error. Absent: the run does not determine the error.
     #[serde(skip_serializing_if = "Option::is_none")]

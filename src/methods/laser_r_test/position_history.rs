@@ -57,7 +57,7 @@ pub struct TimedSample {
 }
 
 impl PositionHistory {
-    /// Every reading gives a position; only those without a flag give a value.
+    /// Readings with a flag give a position only. Of several readings with the same time, one gives the position.
     pub fn new(readings: &[&Reading]) -> Self {
         let mut sorted = readings.to_vec();
         sorted.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));

@@ -15,7 +15,7 @@ use machine::{Axis, Position};
 pub struct MultiprobeSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a MultiprobeSettings,
-    /// The measured axis: the innermost rotary axis of the table along Z.
+    /// The measured axis: of the rotary axes of the table that are along Z, the one nearest to the workpiece.
     pub measured_axis: Axis,
     /// Positions of all axes except the measured one and the spindle during a turn.
     pub other_axis_positions: Position,

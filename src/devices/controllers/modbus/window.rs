@@ -129,7 +129,8 @@ impl WindowConnection {
         self.halt.is_halt_requested()
     }
 
-    /// Holds the machine after a fault, whatever it is executing; afterwards the link writes nothing more.
+    /// Holds the machine after a fault, whatever it is executing. Afterwards ordinary writes on the line are refused;
+    /// reads and further writes of `hold` continue.
     pub(super) fn send_hold(&self) {
         self.hold_sender.send_and_refuse_ordinary_writes();
     }

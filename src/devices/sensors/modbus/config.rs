@@ -22,7 +22,7 @@ struct ModbusSensorKeys {
     tcp: Option<HostPort>,
     framing: Option<Framing>,
     unit: Option<u8>,
-    /// Maximum time until a reply, and until a new sample, s; a longer one is flagged.
+    /// Maximum time until a reply, and until a new sample, s. After this time the sample is flagged as stale.
     timeout_s: Option<f64>,
     /// Maximum rate of the reads, Hz.
     #[serde(default = "default_rate_hz")]

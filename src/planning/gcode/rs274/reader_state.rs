@@ -67,8 +67,8 @@ pub(super) struct GcodeReaderState {
     open_condition_and_has_stop: Option<(String, bool)>,
     /// `%` or a word has been read.
     has_program_started: bool,
-    /// A `%` after another `%` or a word has been read, or, outside a condition, M2, M30 or an ABORT comment: every
-    /// further word outside a condition is an error.
+    /// The program has ended: by a `%` after the program has started, or by M2, M30 or an ABORT comment outside a
+    /// condition. Any word that follows outside a condition is an error.
     has_program_ended: bool,
 }
 

@@ -180,7 +180,8 @@ impl AccessControl {
         known
     }
 
-    /// Checks token, role and rate limit of a request. Only changes count for the rate limit, and a hold does not.
+    /// Checks token, role and rate limits of a request. Changes except a hold count for the limit of changes; invalid
+    /// tokens count for a limit of their own.
     fn authorize(self: &Arc<Self>, request: &Request) -> Result<Caller, AccessDenied> {
         let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
         let (is_read_only, address) = (request.method().is_safe(), self.client_address(request));

@@ -31,8 +31,8 @@ const MAX_TICK_DELAY: Duration = Duration::from_secs(3);
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Interval at which the task checks whether its handle still exists.
 const HANDLE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
-/// Largest difference between two reports of the same linear axis position, mm: axes under control are never quite at
-/// rest.
+/// Maximum difference between the positions of a linear axis that sampler and control report, mm: axes under control
+/// are never quite at rest.
 const MAX_POSITION_DIFFERENCE_MM: f64 = 0.01;
 /// As [`MAX_POSITION_DIFFERENCE_MM`], for a rotary axis, rad.
 const MAX_POSITION_DIFFERENCE_RAD: f64 = 0.001;

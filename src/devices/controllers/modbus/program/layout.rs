@@ -96,7 +96,8 @@ pub(super) struct ParameterLayout {
     registers_per_row: u16,
     /// Number of rows for which the chunk has registers.
     max_rows: u16,
-    /// Number of the [`RowAction`]; as the registers below, counted from the first register of the row.
+    /// Number of the [`RowAction`]. The addresses of this register and of those below count from the first register of
+    /// the row.
     action: Register,
     /// Bit mask of the axes that the row names: X is bit 0.
     axis_mask: Register,
