@@ -17,10 +17,13 @@ pub struct DaemonProcess {
     pub log: Arc<Mutex<String>>,
 }
 
-/// Variables that the systemd unit of the daemon sets.
-fn unit_environment() -> impl Iterator<Item = (&'static str, &'static str)> {
+/// Variables that the systemd unit of the daemon sets; at least one, on which the memory limits of the tests depend.
+fn unit_environment() -> Vec<(&'static str, &'static str)> {
     let unit = include_str!("../../systemd/trued.service");
-    unit.lines().filter_map(|line| line.strip_prefix("Environment=")?.split_once('='))
+    let variable = |line: &'static str| line.strip_prefix("Environment=")?.split_once('=');
+    let variables: Vec<_> = unit.lines().filter_map(variable).collect();
+    assert!(variables.iter().any(|(name, _)| *name == "MALLOC_ARENA_MAX"), "{variables:?}");
+    variables
 }
 
 impl Drop for DaemonProcess {

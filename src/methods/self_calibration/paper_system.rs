@@ -5,7 +5,7 @@
 
 use faer::Mat;
 
-use super::design::{AngleGridDesign, AngleGridTouch, CalibrationTest};
+use super::design::{AngleGridDesign, AngleGridTouch};
 use super::fit::SELF_CALIBRATION_RANK_THRESHOLD;
 use super::model::{RadiusObservation, UnknownsLayout};
 use super::outputs::axis_position_coefficients;
@@ -68,7 +68,6 @@ impl PaperSystem {
 }
 
 fn unmeasured_observation(touch: AngleGridTouch) -> RadiusObservation {
-    debug_assert!(!matches!(touch.test, CalibrationTest::ReferenceAfterTests(_)));
     RadiusObservation {
         step_id: 0,
         height_index: 0,

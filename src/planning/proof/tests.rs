@@ -29,7 +29,7 @@ pub(super) fn cylinder_touch_plan(change: impl FnOnce(&mut Value)) -> Plan {
     plan_from_json(cylinder_touch_plan_json(), change)
 }
 
-/// Apart from the JSON value, which is long to compile: this function is compiled once for each `change`.
+/// This function is compiled once for each `change`. The JSON value, which takes long to compile, is built elsewhere.
 pub(super) fn plan_from_json(mut plan: Value, change: impl FnOnce(&mut Value)) -> Plan {
     change(&mut plan);
     serde_json::from_value(plan).unwrap()

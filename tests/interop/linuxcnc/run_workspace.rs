@@ -60,7 +60,7 @@ impl RunWorkspace {
         Self::from_machine_text(rig, &serve, &QUICK_TOUCH_TEXT_CHANGES)
     }
 
-    /// A short cycle: a servo period of a touch is 2 µm; the search for the part is fast.
+    /// A short cycle: a touch moves 2 µm in a servo period, the search for the part is fast.
     pub fn with_position_count(rig: &LinuxCncRig, positions: u32) -> Result<Self, Failed> {
         let settings = format!("heights_mm = [90.0]\npositions = {positions}");
         let short = [

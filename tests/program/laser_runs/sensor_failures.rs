@@ -101,7 +101,8 @@ pub fn sensor_that_fails_in_five_ways_holds_the_machine() {
     check_sensor_failures(5);
 }
 
-/// The first `case_count` cases in parallel: the machine runs in real time.
+/// The first `case_count` cases in parallel: the machine runs in real time. The first three differ the most: a flag of
+/// the sensor, a lost link, and silence at rest.
 fn check_sensor_failures(case_count: usize) {
     let silent = ["(stale)", "sends no more data: check its cable"];
     let cases = [

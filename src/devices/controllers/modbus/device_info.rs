@@ -41,8 +41,8 @@ impl ModbusDriver {
             }
         }
         if status.position.iter().all(|(_, value)| value == 0.0) {
-            let description = "all axes read zero, and zero has the same registers in every format: a wrong order of bytes or words, a wrong \
-                               type or scale of the positions is not detectable";
+            let description =
+                "all axes read zero: a wrong order of bytes or words, a wrong type or scale is not detectable";
             let remedy = "jog each axis by a small distance at the control and repeat the check";
             findings.push(ReadinessFinding::non_blocking(description, remedy));
         }

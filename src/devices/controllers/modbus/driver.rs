@@ -119,11 +119,11 @@ impl ModbusDriver {
                 self.window.positioning_step = Some(step);
                 let sent = self.send_lines(lines).await;
                 self.window.positioning_step = None;
-                self.check_standstill_position(sent?, to)
+                self.store_and_check_standstill(sent?, to)
             }
             Motion::BackOff { to, .. } => {
                 let status = self.send_lines(lines).await?;
-                let status = self.check_standstill_position(status, to)?;
+                let status = self.store_and_check_standstill(status, to)?;
                 self.wait_probe_open(step, status).await
             }
             Motion::Guarded { to, .. } => {
@@ -132,7 +132,7 @@ impl ModbusDriver {
                 if has_contact {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
-                self.check_standstill_position(status, to)
+                self.store_and_check_standstill(status, to)
             }
             Motion::Probe { .. } => {
                 let last_status = self.standstill_status(last_status).await?;
@@ -199,7 +199,7 @@ impl ModbusDriver {
     }
 
     /// Stores the position of `status`, and checks that the machine is at `target`.
-    pub(super) fn check_standstill_position(
+    pub(super) fn store_and_check_standstill(
         &mut self,
         status: WindowStatus,
         target: &Position,

@@ -124,7 +124,7 @@ impl Caller {
     }
 
     /// Counts a hold of the client; returns whether its holds are too frequent to log each one.
-    pub fn count_hold_and_check_log_rate(&self) -> bool {
+    pub fn has_exceeded_log_rate_with_this_hold(&self) -> bool {
         self.access.rate_limits.hold_log_limit.count_event(&self.rate_limit_key).is_err()
     }
 }

@@ -65,7 +65,8 @@ impl HoldLog {
 /// [`HOLD_COUNT_PERIOD`].
 pub fn gets_own_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, effect: HoldEffect) -> bool {
     let run = (effect == HoldEffect::RunHeld).then_some(audit.run);
-    if app.hold_log.is_first_hold_of_run(&audit.machine, run, Instant::now()) || !caller.count_hold_and_check_log_rate()
+    if app.hold_log.is_first_hold_of_run(&audit.machine, run, Instant::now())
+        || !caller.has_exceeded_log_rate_with_this_hold()
     {
         return true;
     }

@@ -79,7 +79,7 @@ impl ModbusDriver {
         self.monitor.spindle_rad =
             block.motions().filter_map(spindle_orientation_rad).last().or(self.monitor.spindle_rad);
         let end = rows::end_position(&rows, &self.monitor.standstill_position);
-        let status = self.check_standstill_position(status, &end)?;
+        let status = self.store_and_check_standstill(status, &end)?;
         if rows.last().is_some_and(|row| row.action != RowAction::Touch) {
             self.wait_probe_open(block.step(), status).await?;
         }
